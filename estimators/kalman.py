@@ -1,0 +1,38 @@
+"""The Kalman filter, exact on linear-Gaussian models."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from suite import gaussian
+from suite.estimator import Filter, Readout
+from suite.gaussian import GaussianBelief
+from suite.linalg import Array
+from suite.model import StateSpaceModel, is_linear_gaussian
+from suite.random import Generators
+
+
+@dataclass(frozen=True)
+class Kalman(Filter):
+    """Kalman filter: the exact posterior of a linear model with Gaussian noises."""
+
+    name: ClassVar[str] = "kalman"
+    reference: ClassVar[str] = (
+        "R. E. Kalman, A new approach to linear filtering and prediction problems, Journal of Basic Engineering 82(1), "
+        "1960, 35-45"
+    )
+
+    def accepts(self, model: StateSpaceModel) -> str | None:
+        return None if is_linear_gaussian(model) else "the model is not linear with Gaussian noises"
+
+    def init(self, model: StateSpaceModel, rng: Generators) -> GaussianBelief:
+        return gaussian.prior(model, rng.runs)
+
+    def step(self, model: StateSpaceModel, belief: GaussianBelief, y: Array, k: int, rng: Generators) -> GaussianBelief:
+        predicted = gaussian.predict(gaussian.affine, belief, model.dynamics, k)
+        return gaussian.update(gaussian.affine, predicted, model.sensor, y, k)
+
+    def read(self, belief: GaussianBelief) -> Readout:
+        return belief.read()
+
+
+ESTIMATORS = (Kalman(),)

@@ -1,0 +1,165 @@
+"""Cases: a problem, what filters are told of it, and what really happens."""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from suite.errors import BadInput
+from suite.linalg import Array
+from suite.model import Sensor, StateSpaceModel
+from suite.random import Generators, Streams
+
+
+@dataclass(frozen=True)
+class StateBlock:
+    """A named group of state components that share a unit, such as position in metres."""
+
+    name: str
+    components: tuple[int, ...]
+    unit: str
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """A run has diverged when the Euclidean error of `block` exceeds `limit` for `steps` consecutive steps."""
+
+    block: str
+    limit: float
+    steps: int
+
+
+@dataclass(frozen=True)
+class Published:
+    """A figure printed in a paper, with the place where it stands and what is known of its conditions."""
+
+    estimator: str
+    quantity: str
+    value: float
+    unit: str
+    where: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Equation:
+    """A formula of the model in LaTeX, with the words that say what it is."""
+
+    words: str
+    latex: str
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really happened: states x[T, n, R] and measurements y[T, m, R], NaN where unknown or not observed."""
+
+    x: Array
+    y: Array
+
+
+@dataclass(frozen=True)
+class Card:
+    """What a reader and a metric need to know of a case: plain data, stored beside the results."""
+
+    name: str
+    title: str
+    summary: str
+    steps: int
+    interval: float
+    state: tuple[str, ...]
+    blocks: tuple[StateBlock, ...]
+    divergence: Divergence
+    reference: str
+    equations: tuple[Equation, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    published: tuple[Published, ...] = ()
+    plane: tuple[int, int] | None = None
+    landmarks: tuple[tuple[str, float, float], ...] = ()
+
+    def block(self, name: str) -> StateBlock:
+        """The state block of that name."""
+        return next(b for b in self.blocks if b.name == name)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON."""
+        return {f.name: _plain(getattr(self, f.name)) for f in dataclasses.fields(Card)}
+
+    @staticmethod
+    def from_dict(data: dict[str, Any]) -> "Card":
+        """The card that `to_dict` wrote."""
+        made = dict(data)
+        made["state"] = tuple(data["state"])
+        made["assumptions"] = tuple(data["assumptions"])
+        made["blocks"] = tuple(StateBlock(b["name"], tuple(b["components"]), b["unit"]) for b in data["blocks"])
+        made["divergence"] = Divergence(**data["divergence"])
+        made["equations"] = tuple(Equation(**e) for e in data["equations"])
+        made["published"] = tuple(Published(**p) for p in data["published"])
+        made["plane"] = tuple(data["plane"]) if data["plane"] else None
+        made["landmarks"] = tuple((n, x, y) for n, x, y in data["landmarks"])
+        return Card(**made)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case(Card):
+    """A problem of the bench: its card, the `model` that filters are told, and `generate`, what really happens.
+
+    generate takes the generators of a batch of runs and returns their Truth; it may differ from the model. `data`
+    names the files it reads. interval is the time between steps in seconds; plane, the two state components to draw
+    on the ground; landmarks, named points on that plane.
+    """
+
+    model: StateSpaceModel
+    generate: Callable[[Generators], Truth]
+    data: tuple[Path, ...] = ()
+
+    def __post_init__(self) -> None:
+        n = self.model.n
+        if len(self.state) != n:
+            raise ValueError(f"case {self.name}: {len(self.state)} state names for {n} components")
+        for block in self.blocks:
+            if not block.components or not set(block.components) <= set(range(n)):
+                raise ValueError(f"case {self.name}: block {block.name!r} names components outside 0..{n - 1}")
+        if self.divergence.block not in [b.name for b in self.blocks]:
+            raise ValueError(f"case {self.name}: divergence names an unknown block {self.divergence.block!r}")
+        if self.steps < 1:
+            raise ValueError(f"case {self.name}: steps must be at least 1, got {self.steps}")
+
+    def simulate(self, runs: int, seed: int = 0, first: int = 0) -> Truth:
+        """Truth and measurements of `runs` runs, numbered from `first`; a run's numbers depend on its number alone.
+
+        Raises BadInput when runs is below 1, ValueError when `generate` returns arrays of the wrong shape.
+        """
+        if runs < 1:
+            raise BadInput(f"runs must be at least 1, got {runs}")
+        truth = self.generate(Streams((seed, self.name, "truth"), first).batch(0, runs))
+        for name, array, rows in (("x", truth.x, self.model.n), ("y", truth.y, self.model.m)):
+            if np.shape(array) != (self.steps, rows, runs):
+                raise ValueError(f"case {self.name}: {name} has shape {np.shape(array)}, not {(self.steps, rows, runs)}")
+        return truth
+
+
+def draw(model: StateSpaceModel, steps: int, rng: Generators) -> Truth:
+    """Truth and measurements drawn from the model itself."""
+    x = model.prior.sample(rng, (rng.runs,))
+    states = []
+    for k in range(1, steps + 1):
+        x = model.dynamics.sample(rng, x, k)
+        states.append(x)
+    trajectory = np.stack(states)
+    return Truth(trajectory, measure(model.sensor, trajectory, rng))
+
+
+def measure(sensor: Sensor, x: Array, rng: Generators) -> Array:
+    """Measurements y[T, m, R] of the states x[T, n, R]."""
+    return np.stack([sensor.sample(rng, np.ascontiguousarray(at), k) for k, at in enumerate(x, start=1)])
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return dataclasses.asdict(value)
+    if isinstance(value, tuple):
+        return [_plain(v) for v in value]
+    return value

@@ -1,0 +1,82 @@
+"""Small dense algebra: constant matrices on components-first arrays, and stacks of matrices one a run."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def apply(matrix: Array, x: Array) -> Array:
+    """Product of a constant matrix [p, n] with x[n, ...], over any trailing axes: [p, ...].
+
+    Written as a loop over matrix entries: structural zeros cost nothing, and a run's bits do not depend on how many
+    runs stand beside it (a BLAS call over the flattened trailing axes would not promise that).
+    """
+    out = np.zeros((len(matrix), *x.shape[1:]))
+    for total, row in zip(out, matrix.tolist(), strict=True):
+        for entry, component in zip(row, x, strict=True):
+            if entry:
+                total += component if entry == 1.0 else entry * component
+    return out
+
+
+def factor(cov: Array) -> Array:
+    """Lower-triangular L with L Lᵀ = cov for a symmetric positive semidefinite matrix [n, n], singular or not.
+
+    A zero pivot of a semidefinite matrix has a zero column below it, so Cholesky's recursion simply skips it.
+    Raises ValueError when cov is not square, not symmetric or not positive semidefinite.
+    """
+    cov = np.asarray(cov, float)
+    if cov.ndim != 2 or cov.shape[0] != cov.shape[1]:
+        raise ValueError(f"a covariance is a square matrix, got shape {cov.shape}")
+    if not np.isfinite(cov).all():
+        raise ValueError("a covariance must be finite")
+    tolerance = 1e-9 * float(np.abs(cov).max(initial=0.0))
+    if np.abs(cov - cov.T).max(initial=0.0) > tolerance:
+        raise ValueError("a covariance must be symmetric")
+    # Pivots are judged against their own row: components may differ by many orders of magnitude.
+    lower = np.zeros_like(cov)
+    for j in range(len(cov)):
+        pivot = cov[j, j] - lower[j, :j] @ lower[j, :j]
+        if pivot > 1e-12 * abs(cov[j, j]):
+            lower[j, j] = np.sqrt(pivot)
+            lower[j + 1 :, j] = (cov[j + 1 :, j] - lower[j + 1 :, :j] @ lower[j, :j]) / lower[j, j]
+    scale = np.sqrt(np.abs(np.diag(cov)))
+    if (np.abs(lower @ lower.T - cov) > 1e-8 * np.outer(scale, scale) + 1e-300).any():
+        raise ValueError("a covariance must be positive semidefinite")
+    return lower
+
+
+def cholesky(stack: Array) -> Array:
+    """Lower Cholesky factors of a stack of matrices [R, n, n]; NaN for those that are not positive definite.
+
+    One bad run must not disturb its neighbours, so numpy's all-or-nothing error is resolved run by run.
+    """
+    try:
+        return np.linalg.cholesky(stack)
+    except np.linalg.LinAlgError:
+        if len(stack) == 1:
+            return np.full_like(stack, np.nan)
+        return np.concatenate([cholesky(one[None]) for one in stack])
+
+
+def square_root(stack: Array) -> Array:
+    """Matrices B[R, n, n] with B Bᵀ = stack, for semidefinite ones too; NaN for those that are not.
+
+    Cholesky where it exists; otherwise eigenvectors of the correlation matrix, whose small negative eigenvalues are
+    rounding and count as zero.
+    """
+    root = cholesky(stack)
+    for r in np.flatnonzero(np.isnan(root[:, 0, 0])):
+        scale = np.sqrt(np.maximum(np.diag(stack[r]), 0.0))
+        inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
+        if np.isfinite(stack[r]).all():
+            values, directions = np.linalg.eigh(stack[r] * np.outer(inverse, inverse))
+            if values[0] >= -1e-9:
+                root[r] = scale[:, None] * directions * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+def symmetric(stack: Array) -> Array:
+    """Symmetric part of a stack of matrices [..., n, n]."""
+    return (stack + np.swapaxes(stack, -1, -2)) / 2

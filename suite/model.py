@@ -1,0 +1,219 @@
+"""State-space models: x_k = f(x_{k-1}, k) + G w_k, y_k = h(x_k, k) + v_k, and more general conditional laws.
+
+Arrays are components first: a state is x[n, ...] over any trailing axes (runs, particles, sigma points). The prior is
+the law of x_0; every measurement y_k, k = 1..T, follows one transition. A NaN in a measurement means "not observed".
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from suite.jacobian import derivative
+from suite.linalg import Array, apply
+from suite.noise import Gaussian, Noise
+from suite.random import Generators
+
+Function = Callable[[Array, int], Array]
+
+
+class Transition(Protocol):
+    """Law of x_k given x_{k-1}."""
+
+    def sample(self, rng: Generators, x: Array, k: int) -> Array:
+        """Draws of x_k [n, R, ...] given x_{k-1} = x[n, R, ...]."""
+
+    def logpdf(self, z: Array, x: Array, k: int) -> Array:
+        """Log-density of x_k = z[n, ...] given x_{k-1} = x[n, ...]: [...]."""
+
+
+class Sensor(Protocol):
+    """Law of y_k given x_k."""
+
+    @property
+    def dim(self) -> int:
+        """Number of measurement components m."""
+
+    def sample(self, rng: Generators, x: Array, k: int) -> Array:
+        """Draws of y_k [m, R, ...] given x_k = x[n, R, ...]."""
+
+    def logpdf(self, z: Array, x: Array, k: int) -> Array:
+        """Log-density of y_k = z[m, R] given x_k = x[n, R, ...]: [R, ...]; NaN components carry no information."""
+
+
+class Affine:
+    """The function x -> A x + b, with A[p, n] and b[p] constant or functions of the time index."""
+
+    def __init__(self, matrix: Array | Sequence[Sequence[float]] | Callable[[int], Array], offset: Array | None = None):
+        self._matrix = matrix if callable(matrix) else np.asarray(matrix, float)
+        self.offset = offset
+
+    def matrix(self, k: int) -> Array:
+        """The matrix A at time index k."""
+        return self._matrix(k) if callable(self._matrix) else self._matrix
+
+    def __call__(self, x: Array, k: int) -> Array:
+        """A x + b for x[n, ...]."""
+        out = apply(self.matrix(k), x)
+        return out if self.offset is None else out + self.offset.reshape(-1, *(1,) * (x.ndim - 1))
+
+
+@dataclass(frozen=True, eq=False)
+class AdditiveTransition:
+    """x_k = mean(x_{k-1}, k) + G w_k with w_k from `noise`.
+
+    mean: function of x[n, ...] and k, giving [n, ...]. noise: law of w[q], constant or a function of k.
+    gain: G[n, q], identity when left out; with q < n the process noise is singular. jacobian_of_mean: analytic
+    derivative [n, n, ...], derived by dual numbers when left out.
+    """
+
+    mean: Function
+    noise: Noise | Callable[[int], Noise]
+    gain: Array | None = None
+    jacobian_of_mean: Function | None = None
+
+    def noise_at(self, k: int) -> Noise:
+        """Law of w_k."""
+        return self.noise(k) if callable(self.noise) else self.noise
+
+    def noise_mean(self, k: int) -> Array:
+        """Mean of G w_k: [n]."""
+        mean = self.noise_at(k).mean
+        return mean if self.gain is None else self.gain @ mean
+
+    def noise_cov(self, k: int) -> Array:
+        """Covariance of G w_k: [n, n]."""
+        cov = self.noise_at(k).cov
+        return cov if self.gain is None else self.gain @ cov @ self.gain.T
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Derivative of the mean with respect to x[n, ...]: [n, n, ...]."""
+        return _jacobian(self.mean, self.jacobian_of_mean, x, k)
+
+    def sample(self, rng: Generators, x: Array, k: int) -> Array:
+        """Draws of x_k [n, R, ...] given x_{k-1} = x[n, R, ...]."""
+        noise = self.noise_at(k).sample(rng, x.shape[1:])
+        return self.mean(x, k) + (noise if self.gain is None else apply(self.gain, noise))
+
+    def logpdf(self, z: Array, x: Array, k: int) -> Array:
+        """Log-density of x_k = z given x_{k-1} = x; raises ValueError when noise enters through a gain."""
+        if self.gain is not None:
+            raise ValueError("a transition whose noise enters through a gain has no density over the whole state")
+        return self.noise_at(k).logpdf(z - self.mean(x, k))
+
+
+@dataclass(frozen=True, eq=False)
+class AdditiveSensor:
+    """y_k = mean(x_k, k) + v_k with v_k from `noise`; components listed in `angles` are in radians and wrap.
+
+    mean: function of x[n, ...] and k, giving [m, ...]. jacobian_of_mean: analytic derivative [m, n, ...], derived by
+    dual numbers when left out.
+    """
+
+    mean: Function
+    noise: Noise
+    angles: tuple[int, ...] = ()
+    jacobian_of_mean: Function | None = None
+
+    @property
+    def dim(self) -> int:
+        """Number of measurement components m."""
+        return len(self.noise.mean)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Derivative of the mean with respect to x[n, ...]: [m, n, ...]."""
+        return _jacobian(self.mean, self.jacobian_of_mean, x, k)
+
+    def residual(self, z: Array, expected: Array) -> Array:
+        """Difference z - expected [m, ...], its angular components wrapped to (-pi, pi]."""
+        difference = z - expected
+        for i in self.angles:
+            difference[i] = wrap(difference[i])
+        return difference
+
+    def sample(self, rng: Generators, x: Array, k: int) -> Array:
+        """Draws of y_k [m, R, ...] given x_k = x[n, R, ...]."""
+        y = self.mean(x, k) + self.noise.sample(rng, x.shape[1:])
+        for i in self.angles:
+            y[i] = wrap(y[i])
+        return y
+
+    def logpdf(self, z: Array, x: Array, k: int) -> Array:
+        """Log-density of y_k = z[m, R] given x_k = x[n, R, ...]: [R, ...]; missing components drop out."""
+        expected = self.mean(x, k)
+        error = self.residual(z.reshape(*z.shape, *(1,) * (expected.ndim - z.ndim)), expected)
+        if not np.isnan(z).any():
+            return self.noise.logpdf(error)
+        total = np.zeros(error.shape[1:])
+        for rows, runs in outage_patterns(z):
+            if rows:
+                total[runs] = self.noise.marginal(rows).logpdf(error[np.ix_(rows, runs)])
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class StateSpaceModel:
+    """A prior for x_0, a transition and a sensor. Raises ValueError when their dimensions disagree."""
+
+    prior: Gaussian
+    dynamics: Transition
+    sensor: Sensor
+
+    def __post_init__(self) -> None:
+        n, m = self.n, self.m
+        at_mean = self.prior.mean[:, None]
+        for part, law, expected in (("dynamics", self.dynamics, n), ("sensor", self.sensor, m)):
+            if isinstance(law, AdditiveTransition | AdditiveSensor):
+                shape = np.shape(law.mean(at_mean, 1))
+                if shape != (expected, 1):
+                    raise ValueError(f"{part}.mean maps a state of shape {(n, 1)} to {shape}, not {(expected, 1)}")
+        if isinstance(self.dynamics, AdditiveTransition):
+            shape = self.dynamics.noise_cov(1).shape
+            if shape != (n, n):
+                raise ValueError(f"dynamics.noise has a covariance of shape {shape}, the state needs {(n, n)}")
+
+    @property
+    def n(self) -> int:
+        """Number of state components."""
+        return len(self.prior.mean)
+
+    @property
+    def m(self) -> int:
+        """Number of measurement components."""
+        return self.sensor.dim
+
+
+def outage_patterns(z: Array) -> Iterator[tuple[tuple[int, ...], Array]]:
+    """Groups of runs of z[m, R] that miss the same components: (rows observed, indices of runs)."""
+    patterns, group = np.unique(~np.isnan(z), axis=1, return_inverse=True)
+    for g, observed in enumerate(patterns.T):
+        yield tuple(np.flatnonzero(observed).tolist()), np.flatnonzero(group == g)
+
+
+def wrap(angle: Array) -> Array:
+    """Angles in radians, brought to (-pi, pi]."""
+    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+
+
+def is_linear_gaussian(model: StateSpaceModel) -> bool:
+    """Whether the model's functions are affine and all its noises Gaussian."""
+    dynamics, sensor = model.dynamics, model.sensor
+    return (
+        isinstance(dynamics, AdditiveTransition)
+        and isinstance(sensor, AdditiveSensor)
+        and isinstance(dynamics.mean, Affine)
+        and isinstance(sensor.mean, Affine)
+        and not sensor.angles
+        and isinstance(dynamics.noise_at(1), Gaussian)
+        and isinstance(sensor.noise, Gaussian)
+    )
+
+
+def _jacobian(function: Function, analytic: Function | None, x: Array, k: int) -> Array:
+    if analytic is not None:
+        return analytic(x, k)
+    if isinstance(function, Affine):
+        matrix = function.matrix(k)
+        return np.broadcast_to(matrix.reshape(*matrix.shape, *(1,) * (x.ndim - 1)), (*matrix.shape, *x.shape[1:]))
+    return derivative(lambda s: function(s, k), x)

@@ -1,0 +1,242 @@
+"""Noises: laws of a random vector e[d, ...] with sampling, log-density and moments."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Protocol
+
+import numpy as np
+from scipy.special import gammaln
+
+from suite.linalg import Array, apply, factor
+from suite.random import Generators
+
+
+class Noise(Protocol):
+    """Law of a random vector with d components."""
+
+    @property
+    def mean(self) -> Array:
+        """Mean [d]."""
+
+    @property
+    def cov(self) -> Array:
+        """Covariance [d, d]."""
+
+    def sample(self, rng: Generators, shape: tuple[int, ...]) -> Array:
+        """Independent draws [d, *shape]; shape[0] is the number of runs."""
+
+    def logpdf(self, e: Array) -> Array:
+        """Log-density at e[d, ...]: [...]."""
+
+    def marginal(self, rows: tuple[int, ...]) -> "Noise":
+        """Law of the components `rows` alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian:
+    """Normal law; the covariance may be singular, then it can be sampled but has no density."""
+
+    mean: Array
+    cov: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mean", np.asarray(self.mean, float))
+        object.__setattr__(self, "cov", np.asarray(self.cov, float))
+        if self.mean.ndim != 1 or self.cov.shape != (len(self.mean), len(self.mean)):
+            raise ValueError(f"mean has shape {self.mean.shape} but covariance has shape {self.cov.shape}")
+        _ = self.lower  # a bad covariance is named here, not at its first use
+
+    @classmethod
+    def noise(cls, cov: Array | Sequence[Sequence[float]]) -> "Gaussian":
+        """Zero-mean Gaussian with covariance [d, d]."""
+        return cls(np.zeros(len(cov)), np.asarray(cov, float))
+
+    @classmethod
+    def diagonal(cls, variances: Array | Sequence[float]) -> "Gaussian":
+        """Zero-mean Gaussian of independent components with the given variances [d]."""
+        return cls.noise(np.diag(np.asarray(variances, float)))
+
+    @cached_property
+    def lower(self) -> Array:
+        """Lower-triangular L with L Lᵀ = cov."""
+        return factor(self.cov)
+
+    @cached_property
+    def _whiten(self) -> tuple[Array, float]:
+        scale = np.diag(self.lower)
+        if (scale == 0).any():
+            raise ValueError("a Gaussian with a singular covariance has no density")
+        return np.linalg.inv(self.lower), float(-0.5 * len(scale) * np.log(2 * np.pi) - np.log(scale).sum())
+
+    def sample(self, rng: Generators, shape: tuple[int, ...]) -> Array:
+        """Independent draws [d, *shape]."""
+        draws = apply(self.lower, rng.standard_normal((len(self.mean), *shape)))
+        return draws + _column(self.mean, draws) if self.mean.any() else draws
+
+    def logpdf(self, e: Array) -> Array:
+        """Log-density at e[d, ...]; raises ValueError when the covariance is singular."""
+        whiten, constant = self._whiten
+        centred = e - _column(self.mean, e) if self.mean.any() else e
+        return constant - 0.5 * _sum_of_squares(apply(whiten, centred))
+
+    @lru_cache(maxsize=256)  # noqa: B019 - a noise lives as long as its case, and outage patterns are few
+    def marginal(self, rows: tuple[int, ...]) -> "Gaussian":
+        """Law of the components `rows` alone."""
+        keep = list(rows)
+        return Gaussian(self.mean[keep], self.cov[np.ix_(keep, keep)])
+
+
+@dataclass(frozen=True, eq=False)
+class StudentT:
+    """Zero-mean multivariate Student t with scale matrix [d, d] and `dof` > 2 degrees of freedom (heavy tails)."""
+
+    scale: Array
+    dof: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scale", np.asarray(self.scale, float))
+        if not self.dof > 2:
+            raise ValueError(f"dof must be above 2 for a finite covariance, got {self.dof}")
+        _ = self._core
+
+    @cached_property
+    def _core(self) -> Gaussian:
+        return Gaussian.noise(self.scale)
+
+    @property
+    def mean(self) -> Array:
+        """Mean [d]: zero."""
+        return self._core.mean
+
+    @property
+    def cov(self) -> Array:
+        """Covariance [d, d]: scale · dof / (dof − 2)."""
+        return self.scale * (self.dof / (self.dof - 2))
+
+    def sample(self, rng: Generators, shape: tuple[int, ...]) -> Array:
+        """Independent draws [d, *shape]."""
+        normal = self._core.sample(rng, shape)
+        chi2 = 2.0 * rng.standard_gamma(self.dof / 2, (1, *shape))
+        return normal * np.sqrt(self.dof / chi2)
+
+    def logpdf(self, e: Array) -> Array:
+        """Log-density at e[d, ...]."""
+        d, dof = len(self.scale), self.dof
+        whiten = np.linalg.inv(self._core.lower)
+        constant = gammaln((dof + d) / 2) - gammaln(dof / 2) - 0.5 * d * np.log(dof * np.pi)
+        constant += np.log(np.diag(whiten)).sum()
+        return np.asarray(constant - 0.5 * (dof + d) * np.log1p(_sum_of_squares(apply(whiten, e)) / dof))
+
+    def marginal(self, rows: tuple[int, ...]) -> "StudentT":
+        """Law of the components `rows` alone."""
+        return StudentT(self.scale[np.ix_(list(rows), list(rows))], self.dof)
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianMixture:
+    """Mixture of Gaussians with positive weights that sum to one."""
+
+    weights: tuple[float, ...]
+    components: tuple[Gaussian, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.weights) != len(self.components) or not self.components:
+            raise ValueError(f"{len(self.weights)} weights for {len(self.components)} components")
+        if min(self.weights) <= 0 or abs(sum(self.weights) - 1) > 1e-9:
+            raise ValueError(f"weights must be positive and sum to one, got {self.weights}")
+
+    @property
+    def mean(self) -> Array:
+        """Mean [d]."""
+        return np.asarray(sum(w * c.mean for w, c in self._pairs))
+
+    @property
+    def cov(self) -> Array:
+        """Covariance [d, d]."""
+        mean = self.mean
+        return np.asarray(sum(w * (c.cov + np.outer(c.mean - mean, c.mean - mean)) for w, c in self._pairs))
+
+    @property
+    def _pairs(self) -> list[tuple[float, Gaussian]]:
+        return list(zip(self.weights, self.components, strict=True))
+
+    def sample(self, rng: Generators, shape: tuple[int, ...]) -> Array:
+        """Independent draws [d, *shape]."""
+        uniform = rng.random((1, *shape))
+        edges = np.cumsum(self.weights)[:-1]
+        chosen = self.components[0].sample(rng, shape)
+        for edge, component in zip(edges, self.components[1:], strict=True):
+            chosen = np.where(uniform >= edge, component.sample(rng, shape), chosen)
+        return chosen
+
+    def logpdf(self, e: Array) -> Array:
+        """Log-density at e[d, ...]."""
+        terms = [np.log(w) + c.logpdf(e) for w, c in self._pairs]
+        total = terms[0]
+        for term in terms[1:]:
+            total = np.logaddexp(total, term)
+        return total
+
+    def marginal(self, rows: tuple[int, ...]) -> "GaussianMixture":
+        """Law of the components `rows` alone."""
+        return GaussianMixture(self.weights, tuple(c.marginal(rows) for c in self.components))
+
+
+@dataclass(frozen=True, eq=False)
+class Gamma:
+    """Independent Gamma components with shape parameters [d] and scales [d]; zero or above, mean shape · scale."""
+
+    shape: Array
+    scale: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shape", np.asarray(self.shape, float))
+        object.__setattr__(self, "scale", np.asarray(self.scale, float))
+        if self.shape.ndim != 1 or self.shape.shape != self.scale.shape:
+            raise ValueError(f"shape {self.shape.shape} and scale {self.scale.shape} must be vectors of one length")
+        if (self.shape <= 0).any() or (self.scale <= 0).any():
+            raise ValueError("shape and scale of a Gamma noise must be positive")
+
+    @property
+    def mean(self) -> Array:
+        """Mean [d]."""
+        return self.shape * self.scale
+
+    @property
+    def cov(self) -> Array:
+        """Covariance [d, d], diagonal."""
+        return np.diag(self.shape * self.scale**2)
+
+    def sample(self, rng: Generators, shape: tuple[int, ...]) -> Array:
+        """Independent draws [d, *shape]."""
+        draws = [s * rng.standard_gamma(a, (1, *shape))[0] for a, s in zip(self.shape, self.scale, strict=True)]
+        return np.stack(draws)
+
+    def logpdf(self, e: Array) -> Array:
+        """Log-density at e[d, ...]; minus infinity where a component is not positive."""
+        a, s = _column(self.shape, e), _column(self.scale, e)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            terms = (a - 1) * np.log(e / s) - e / s - gammaln(a) - np.log(s)
+        terms = np.where(e > 0, terms, -np.inf)
+        total = terms[0]
+        for term in terms[1:]:
+            total = total + term
+        return np.asarray(total)
+
+    def marginal(self, rows: tuple[int, ...]) -> "Gamma":
+        """Law of the components `rows` alone."""
+        return Gamma(self.shape[list(rows)], self.scale[list(rows)])
+
+
+def _column(vector: Array, like: Array) -> Array:
+    """A vector [d] shaped to broadcast over the trailing axes of `like`[d, ...]."""
+    return vector.reshape(-1, *(1,) * (like.ndim - 1))
+
+
+def _sum_of_squares(x: Array) -> Array:
+    """Sum of squares over the leading axis, in a fixed order whatever the trailing shape."""
+    total = x[0] * x[0]
+    for row in x[1:]:
+        total = total + row * row
+    return np.asarray(total)

@@ -1,0 +1,148 @@
+"""The plan: which blocks of work a command asks for, which of them are stored already, which cells are refused."""
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from suite import parameters
+from suite.case import Case
+from suite.estimator import Estimator
+from suite.provenance import fingerprint
+from suite.registry import Catalog
+from suite.store import Entry
+
+TRUTH, ESTIMATE, TIMING, REFUSAL = "truth", "estimate", "timing", "refusal"
+ENGINE = "suite.work"
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How much to compute: runs of each cell, and runs in a block of work."""
+
+    name: str
+    runs: int
+    block: int
+
+
+PROFILES = {p.name: p for p in (Profile("quick", runs=12, block=6), Profile("paper", runs=100, block=20))}
+
+
+@dataclass(frozen=True)
+class WorkBlock:
+    """Runs first..first+count-1 of one estimator on one case (no estimator: the truth itself), with its identity."""
+
+    kind: str
+    case: str
+    estimator: str | None
+    seed: int
+    first: int
+    count: int
+    version: str
+    """What all blocks of this cell share: sources, parameters and seed; the range of runs is not in it."""
+    truth_version: str
+    reason: str = ""
+
+    @property
+    def address(self) -> str:
+        """Name of the block's file: a hash of everything that determines its contents."""
+        return _digest([self.version, self.first, self.count])
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Blocks to compute, in order, and how many of those asked for are stored already."""
+
+    blocks: tuple[WorkBlock, ...]
+    stored: int
+    stored_failures: int
+    cells: int
+    refused: int
+
+
+def make(
+    catalog: Catalog,
+    estimators: Sequence[Estimator],
+    cases: Sequence[Case],
+    runs: int,
+    seed: int,
+    size: int,
+    entries: Iterable[Entry],
+    retry_failed: bool = False,
+) -> Plan:
+    """Plan `runs` runs of all combinations in blocks of `size`, leaving out what the store's entries hold."""
+    held = _Held(entries, retry_failed)
+    blocks: list[WorkBlock] = []
+    refused = 0
+    for case in cases:
+        truth = _version(TRUTH, catalog, case, None, seed)
+        blocks += _missing(TRUTH, case, None, seed, truth, truth, runs, size, held)
+        for estimator in estimators:
+            reason = estimator.accepts(case.model)
+            kind = REFUSAL if reason else ESTIMATE
+            refused += bool(reason)
+            version = _version(kind, catalog, case, estimator, seed)
+            wanted = 1 if reason else runs
+            blocks += _missing(kind, case, estimator, seed, version, truth, wanted, size, held, reason or "")
+            if not reason:
+                timing = _version(TIMING, catalog, case, estimator, seed)
+                blocks += _missing(TIMING, case, estimator, seed, timing, truth, 1, 1, held)
+    # Truth first, since all else refers to it; timing last, when nothing else runs beside it.
+    order = {TRUTH: 0, REFUSAL: 0, ESTIMATE: 1, TIMING: 2}
+    blocks.sort(key=lambda b: order[b.kind])
+    return Plan(tuple(blocks), held.used, held.failures, len(cases) * len(estimators), refused)
+
+
+class _Held:
+    """Which runs of which version are stored."""
+
+    def __init__(self, entries: Iterable[Entry], retry_failed: bool):
+        self.retry_failed = retry_failed
+        self.runs: dict[str, dict[int, Entry]] = {}
+        self.used = 0
+        self.failures = 0
+        for entry in entries:
+            meta = entry.meta
+            for run in range(meta["first"], meta["first"] + meta["count"]):
+                self.runs.setdefault(meta["version"], {})[run] = entry
+
+    def covered(self, version: str, runs: int) -> set[int]:
+        found = {r: e for r, e in self.runs.get(version, {}).items() if r < runs}
+        failed = {e.path for e in found.values() if e.meta.get("failed")}
+        kept = {r: e for r, e in found.items() if not (self.retry_failed and e.path in failed)}
+        self.used += len({e.path for e in kept.values()})
+        self.failures += len({e.path for e in kept.values()} & failed)
+        return set(kept)
+
+
+def _missing(
+    kind: str, case: Case, estimator: Estimator | None, seed: int, version: str, truth: str, runs: int, size: int,
+    held: _Held, reason: str = "",
+) -> list[WorkBlock]:  # fmt: skip
+    """Blocks for the runs not covered yet: consecutive ones together, `size` at most."""
+    label = parameters.label(estimator) if estimator else None
+    covered = held.covered(version, runs)
+    blocks, start = [], 0
+    while start < runs:
+        if start in covered:
+            start += 1
+            continue
+        stop = start
+        while stop < min(runs, (start // size + 1) * size) and stop not in covered:
+            stop += 1
+        blocks.append(WorkBlock(kind, case.name, label, seed, start, stop - start, version, truth, reason))
+        start = stop
+    return blocks
+
+
+def _version(kind: str, catalog: Catalog, case: Case, estimator: Estimator | None, seed: int) -> str:
+    parts: list[Any] = [kind, case.name, fingerprint(catalog.modules[case.name], "suite.case", data=case.data), seed]
+    if estimator is not None:
+        sources = fingerprint(type(estimator).__module__, ENGINE)
+        parts += [estimator.name, {k: str(v) for k, v in parameters.values(estimator).items()}, sources]
+    return _digest(parts)
+
+
+def _digest(parts: Sequence[Any]) -> str:
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:24]

@@ -1,0 +1,246 @@
+"""Results: what a store holds, as cases and cells, ready for metrics."""
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from suite.case import Card, Truth
+from suite.errors import BadInput
+from suite.estimator import Estimate, join
+from suite.linalg import Array
+from suite.metrics import Metric, Score
+from suite.metrics.metric import Contributions
+from suite.plan import ESTIMATE, REFUSAL, TIMING, TRUTH
+from suite.store import Damage, Entry, Store, read
+
+_NO_TRUTH = Truth(np.empty((0, 0, 0)), np.empty((0, 0, 0)))
+"""What a metric of running times is given for a truth: it does not look at it."""
+
+
+@dataclass(eq=False)
+class Cell:
+    """One estimator on one case: its stored blocks, read when a metric needs them."""
+
+    case: "CaseResults"
+    label: str
+    meta: dict[str, Any]
+    estimates: list[Entry] = field(default_factory=list)
+    timings: list[Entry] = field(default_factory=list)
+    refusal: str = ""
+
+    @functools.cached_property
+    def runs(self) -> list[int]:
+        """Numbers of the runs held whose truth is held as well, ascending."""
+        held = {r for e in self.estimates for r in _runs(e)}
+        return sorted(held & self.case.truth_of.keys())
+
+    @functools.cached_property
+    def estimate(self) -> Estimate:
+        """The estimates of all runs, in the order of `runs`."""
+        blocks = [_read_estimate(e, self.case.card) for e in self.estimates]
+        return _pick(blocks, [list(_runs(e)) for e in self.estimates], self.runs)
+
+    @functools.cached_property
+    def truth(self) -> Truth:
+        """The truth of the same runs."""
+        picked = [self.case.truth_of[r] for r in self.runs]
+        return Truth(np.stack([x for x, _ in picked], axis=-1), np.stack([y for _, y in picked], axis=-1))
+
+    @functools.cached_property
+    def timing(self) -> Estimate | None:
+        """The timed calls as an estimate that has seconds[K, calls] only; None when there are none."""
+        return _read_timing(self.timings[-1]) if self.timings else None
+
+    @property
+    def failures(self) -> list[tuple[str, str, list[str]]]:
+        """What went wrong: (kind of block, reason, tracebacks)."""
+        found = []
+        for entry in [*self.estimates, *self.timings]:
+            found += [
+                (entry.meta["kind"], reason, entry.meta.get("tracebacks", [])) for reason in entry.meta.get("reasons", [])
+            ]
+        return found
+
+    @functools.cached_property
+    def counts(self) -> dict[str, int]:
+        """How many runs there are of each status."""
+        return {s: self.estimate.status.count(s) for s in ("ok", "lost", "failed")} if self.runs else {}  # type: ignore[attr-defined]
+
+    def contributions(self, metric: Metric) -> Contributions:
+        """Contributions of the runs that count, by block; empty when there is nothing to look at."""
+        if metric.timed:
+            return metric.contributions(self.case.card, _NO_TRUTH, self.timing) if self.timing else {}
+        return metric.contributions(self.case.card, self.truth, self.estimate) if self.runs else {}
+
+    def scores(self, metric: Metric) -> dict[str, Score]:
+        """The metric's scores by block; empty when there is nothing to look at."""
+        return {
+            block: metric.score(values, metric.unit_of(self.case.card, block), len(self.runs))
+            for block, values in self.contributions(metric).items()
+        }
+
+
+@dataclass(eq=False)
+class CaseResults:
+    """All that a store holds of a case, for one version of its truth."""
+
+    card: Card
+    seed: int
+    truths: list[Entry]
+    cells: dict[str, Cell] = field(default_factory=dict)
+
+    @functools.cached_property
+    def truth_of(self) -> dict[int, tuple[Array, Array]]:
+        """States [T, n] and measurements [T, m] of each run."""
+        found = {}
+        for entry in self.truths:
+            columns = read(entry.path, ["truth", "y"])
+            runs = list(_runs(entry))
+            x, y = (_steps(columns[name], len(runs)) for name in ("truth", "y"))
+            found |= {run: (x[:, :, i], y[:, :, i]) for i, run in enumerate(runs)}
+        return found
+
+
+@dataclass(eq=False)
+class Results:
+    """What a results folder holds: the newest version of every case and cell.
+
+    superseded counts blocks of older versions (changed sources, parameters or seeds), damages names files that are
+    not blocks.
+    """
+
+    folder: Path
+    cases: dict[str, CaseResults]
+    entries: list[Entry]
+    superseded: int
+    damages: list[Damage]
+
+    @property
+    def labels(self) -> list[str]:
+        """Labels of all estimators, in the order in which they first appear in any case."""
+        return list(dict.fromkeys(label for case in self.cases.values() for label in case.cells))
+
+
+def load(folder: str | Path, case_order: Sequence[str] = (), estimator_order: Sequence[str] = ()) -> Results:
+    """Read what a results folder holds. Raises StoreError when it is none.
+
+    Of several versions of a case the newest counts, and of each estimator the newest that ran on that truth.
+    """
+    entries, damages = Store(folder).scan()
+    entries.sort(key=lambda e: e.meta["created"])
+    truths: dict[str, list[Entry]] = {}
+    for entry in entries:
+        if entry.meta["kind"] == TRUTH:
+            truths.setdefault(entry.meta["case"]["name"], []).append(entry)
+    newest = {name: held[-1].meta["version"] for name, held in truths.items()}
+    for entry in entries:  # a case may hold nothing but refusals, or have failed before its truth was stored
+        newest.setdefault(entry.meta["case"]["name"], entry.meta["truth_version"])
+    current = [e for e in entries if e.meta["truth_version"] == newest[e.meta["case"]["name"]]]
+    cases: dict[str, CaseResults] = {}
+    for name in _ordered(list(newest), case_order):
+        mine = [e for e in current if e.meta["case"]["name"] == name]
+        truth = [e for e in mine if e.meta["kind"] == TRUTH]
+        case = CaseResults(Card.from_dict(mine[-1].meta["case"]), mine[-1].meta["seed"], truth)
+        _fill(case, mine, estimator_order)
+        cases[name] = case
+    used = sum(len(c.truths) + sum(_size(cell) for cell in c.cells.values()) for c in cases.values())
+    return Results(Path(folder), cases, entries, len(entries) - used, damages)
+
+
+def _fill(case: CaseResults, entries: list[Entry], order: Sequence[str]) -> None:
+    by_label: dict[str, list[Entry]] = {}
+    for entry in entries:
+        if entry.meta["estimator"]:
+            by_label.setdefault(entry.meta["estimator"]["label"], []).append(entry)
+    for label in _ordered(list(by_label), order):
+        held = by_label[label]
+        last = (
+            next(e for e in reversed(held) if e.meta["kind"] != TIMING)
+            if any(e.meta["kind"] != TIMING for e in held)
+            else held[-1]
+        )
+        cell = Cell(case, label, dict(last.meta["estimator"]))
+        if last.meta["kind"] == REFUSAL:
+            cell.refusal = last.meta["reasons"][0]
+        else:
+            cell.estimates = [e for e in held if e.meta["kind"] == ESTIMATE and e.meta["version"] == last.meta["version"]]
+            timed = [e for e in held if e.meta["kind"] == TIMING]
+            cell.timings = timed[-1:]
+        case.cells[label] = cell
+
+
+def _size(cell: Cell) -> int:
+    return 1 if cell.refusal else len(cell.estimates) + len(cell.timings)
+
+
+def _ordered(names: list[str], order: Sequence[str]) -> list[str]:
+    """Names by the place of their stem in `order`; those not in it last, as they came."""
+    place = {name: i for i, name in enumerate(order)}
+    return sorted(names, key=lambda n: place.get(n.partition("[")[0], len(place)))
+
+
+def _runs(entry: Entry) -> range:
+    return range(entry.meta["first"], entry.meta["first"] + entry.meta["count"])
+
+
+def _steps(rows: Array, runs: int) -> Array:
+    """Array [T, d, R] from rows [R · T, d], run after run."""
+    return np.moveaxis(rows.reshape(runs, -1, rows.shape[1]), 0, -1)
+
+
+def _read_estimate(entry: Entry, card: Card) -> Estimate:
+    names = ["mean", "cov", "loglik", "ess", "innovation", "seconds", "batch", "status", "reason"]
+    columns = read(entry.path, names)
+    runs, n = entry.meta["count"], len(card.state)
+    lower = _steps(columns["cov"], runs)
+    cov = np.empty((len(lower), n, n, runs))
+    rows, cols = np.tril_indices(n)
+    cov[:, rows, cols] = lower
+    cov[:, cols, rows] = lower
+    scalars = {
+        name: None if columns[name] is None else columns[name].reshape(runs, -1).T for name in ("loglik", "ess", "seconds")
+    }
+    innovation = None if columns["innovation"] is None else _steps(columns["innovation"], runs)
+    per_run = {name: list(columns[name][:: card.steps]) for name in ("batch", "status", "reason")}
+    return Estimate(_steps(columns["mean"], runs), cov, innovation=innovation, **scalars, **per_run)
+
+
+def _read_timing(entry: Entry) -> Estimate:
+    columns = read(entry.path, ["run", "seconds", "batch", "status", "reason"])
+    calls = int(columns["run"].max()) + 1
+    steps = len(columns["run"]) // calls
+    nothing = np.full((steps, 1, calls), np.nan)
+    return Estimate(
+        nothing,
+        nothing[:, None],
+        seconds=columns["seconds"].reshape(calls, steps).T,
+        batch=list(columns["batch"][::steps]),
+        status=columns["status"][::steps],
+        reason=columns["reason"][::steps],
+    )
+
+
+def _pick(blocks: list[Estimate], runs: list[list[int]], wanted: list[int]) -> Estimate:
+    """The estimates of the wanted runs, in that order, from blocks that may overlap (their numbers are the same)."""
+    if not blocks:
+        raise BadInput("no run of this cell is stored")
+    for name in ("loglik", "ess", "innovation", "seconds"):  # a failed block lacks what its neighbours have
+        if any(getattr(b, name) is None for b in blocks):
+            shape = next((np.shape(getattr(b, name))[:-1] for b in blocks if getattr(b, name) is not None), None)
+            for block in blocks:
+                if shape is not None and getattr(block, name) is None:
+                    setattr(block, name, np.full((*shape, block.mean.shape[-1]), np.nan))
+    whole = join(blocks)
+    place = {run: i for i, run in enumerate([r for block in runs for r in block])}
+    index = [place[r] for r in wanted]
+    parts: dict[str, Any] = {}
+    for name in ("mean", "cov", "loglik", "ess", "innovation", "seconds"):
+        value = getattr(whole, name)
+        parts[name] = None if value is None else value[..., index]
+    for name in ("status", "reason", "batch"):
+        parts[name] = [getattr(whole, name)[i] for i in index]
+    return Estimate(**parts)

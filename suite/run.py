@@ -1,0 +1,89 @@
+"""Running a plan: blocks spread over worker processes, failures recorded, the rest going on."""
+
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from dataclasses import dataclass, field
+
+from pebble import ProcessExpired, ProcessPool
+
+from suite.errors import BadInput, one_line
+from suite.plan import REFUSAL, TIMING, Plan, WorkBlock
+from suite.record import Report
+from suite.worker import Context, perform, recorder, start
+
+
+@dataclass
+class Outcome:
+    """What a command did: blocks finished, and the reports of those in which something went wrong."""
+
+    finished: int = 0
+    trouble: list[Report] = field(default_factory=list)
+
+
+def execute(
+    plan: Plan, context: Context, jobs: int, time_limit: float, progress: Callable[[Report], None] = lambda report: None
+) -> Outcome:
+    """Compute a plan's blocks in `jobs` worker processes of one thread each; a block may take `time_limit` seconds.
+
+    A block whose worker raises, hangs or dies is stored as failed with its reason. Raises StoreError when results
+    cannot be written; what was finished before is kept.
+    """
+    outcome = Outcome()
+
+    def account(report: Report) -> None:
+        outcome.finished += 1
+        if report.failed:
+            outcome.trouble.append(report)
+        progress(report)
+
+    for block in plan.blocks:
+        if block.kind == REFUSAL:
+            account(recorder(context).refusal(block))
+    together = [b for b in plan.blocks if b.kind not in (REFUSAL, TIMING)]
+    alone = [b for b in plan.blocks if b.kind == TIMING]
+    for blocks, workers in ((together, jobs), (alone, 1)):
+        for report in _spread(blocks, context, workers, time_limit):
+            account(report)
+    return outcome
+
+
+def _spread(blocks: Iterable[WorkBlock], context: Context, workers: int, time_limit: float) -> Iterator[Report]:
+    """Reports of blocks computed by a pool of processes, as they come in."""
+    blocks = list(blocks)
+    if not blocks:
+        return
+    pool = ProcessPool(
+        max_workers=min(workers, len(blocks)),
+        initializer=start,
+        initargs=(context,),
+        context=multiprocessing.get_context("spawn"),
+    )
+    try:
+        waiting: dict[Future[Report], WorkBlock] = {
+            pool.schedule(perform, args=(context, block), timeout=time_limit): block for block in blocks
+        }
+        while waiting:
+            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield _report(future, waiting.pop(future), context, time_limit)
+    except BaseException:
+        pool.stop()
+        raise
+    finally:
+        pool.close()
+        pool.join()
+
+
+def _report(future: "Future[Report]", block: WorkBlock, context: Context, time_limit: float) -> Report:
+    try:
+        return future.result()
+    except (BadInput, CancelledError):
+        raise
+    except TimeoutError:
+        reason = f"ran past the time limit of {time_limit:g} s for a block"
+    except ProcessExpired as error:
+        reason = f"the worker process died (exit code {error.exitcode}); perhaps it ran out of memory"
+    except Exception as error:
+        reason = one_line(error)
+    return recorder(context).failure(block, reason)

@@ -1,0 +1,148 @@
+"""One block of work: some runs of one estimator on one case. It never raises for an estimator's faults."""
+
+import functools
+import time
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from suite import parameters
+from suite.case import Case, Truth
+from suite.errors import one_line
+from suite.estimator import FAILED, Estimate, Estimator, join, unavailable
+from suite.linalg import Array
+from suite.random import Streams
+
+TIMED_STEPS, TIMED_RUNS, REPEATS = 50, 20, 5
+
+
+@dataclass(frozen=True)
+class Done:
+    """An estimate together with the distinct tracebacks of what went wrong in it."""
+
+    estimate: Estimate
+    tracebacks: tuple[str, ...] = ()
+
+
+@functools.lru_cache(maxsize=2)
+def simulated(case: Case, seed: int, first: int, count: int) -> Truth:
+    """The truth of some runs; the estimators of a case come one after the other and share it."""
+    return case.simulate(count, seed, first)
+
+
+def compute(case: Case, estimator: Estimator, seed: int, first: int, count: int) -> Done:
+    """Run an estimator on the runs first..first+count-1 of a case; what fails is marked with its reason."""
+    try:
+        truth = simulated(case, seed, first, count)
+    except Exception as error:
+        return Done(_failed(case, count, f"the case does not simulate: {one_line(error)}"), (traceback.format_exc(),))
+    streams = Streams((seed, case.name, parameters.label(estimator), "filter"), first)
+    return _attempt(case, estimator, truth.y, streams)
+
+
+def _attempt(case: Case, estimator: Estimator, y: Array, streams: Streams) -> Done:
+    """Run a batch; when it raises, each of its runs alone, so that a fault is charged to the runs that have it."""
+    runs = y.shape[2]
+    try:
+        begin = time.perf_counter()
+        estimate = estimator.run(case.model, y.copy(), streams)
+        return Done(examined(estimate, case, runs, time.perf_counter() - begin))
+    except Exception as error:
+        if runs == 1:
+            return Done(_failed(case, 1, _reason(error)), (traceback.format_exc(),))
+    alone = [_attempt(case, estimator, y[:, :, r : r + 1], Streams(streams.key, streams.first + r)) for r in range(runs)]
+    tracebacks = dict.fromkeys(text for done in alone for text in done.tracebacks)
+    return Done(join(_alike([done.estimate for done in alone])), tuple(tracebacks)[:5])
+
+
+def _reason(error: Exception) -> str:
+    """The reason in the words of the estimator's error; a step's failure already names its cause."""
+    return str(error) if type(error).__name__ == "StepError" else one_line(error)
+
+
+def _failed(case: Case, runs: int, reason: str) -> Estimate:
+    estimate = unavailable(case.steps, case.model.n, runs, FAILED, reason)
+    estimate.seconds = np.full((case.steps, runs), np.nan)
+    return estimate
+
+
+def _alike(estimates: Sequence[Estimate]) -> Sequence[Estimate]:
+    """Give every estimate the optional parts that any of them has, as NaN where it has none, so that they can join."""
+    for name in ("loglik", "ess", "innovation"):
+        found = next((getattr(e, name) for e in estimates if getattr(e, name) is not None), None)
+        for e in estimates:
+            if found is not None and getattr(e, name) is None:
+                setattr(e, name, np.full_like(found, np.nan))
+    return estimates
+
+
+def examined(estimate: object, case: Case, runs: int, elapsed: float) -> Estimate:
+    """The estimate, if its parts have the shapes they must have; runs that are not finite are marked as failed.
+
+    Raises TypeError or ValueError that names the part otherwise.
+    """
+    if not isinstance(estimate, Estimate):
+        raise TypeError(f"run returned {type(estimate).__name__}, not an Estimate")
+    steps, n, m = case.steps, case.model.n, case.model.m
+    shapes = {
+        "mean": (steps, n, runs),
+        "cov": (steps, n, n, runs),
+        "loglik": (steps, runs),
+        "ess": (steps, runs),
+        "innovation": (steps, m, runs),
+        "seconds": (steps, runs),
+        "status": (runs,),
+        "reason": (runs,),
+        "batch": (runs,),
+    }
+    if estimate.seconds is None:
+        estimate.seconds = np.full((steps, runs), elapsed / (steps * runs))
+    for name, shape in shapes.items():
+        part = getattr(estimate, name)
+        if part is not None and np.shape(part) != shape:
+            raise ValueError(f"{name} has shape {np.shape(part)}, expected {shape}")
+    for name in ("mean", "cov"):
+        part = np.asarray(getattr(estimate, name), float)
+        setattr(estimate, name, part)
+        finite = np.isfinite(part).reshape(steps, -1, runs).all(1)
+        for r in np.flatnonzero(estimate.ok & ~finite.all(0)):
+            step = int(np.argmin(finite[:, r])) + 1
+            estimate.status[r] = FAILED  # type: ignore[index]
+            estimate.reason[r] = f"step {step}: {name} is not finite"  # type: ignore[index]
+    return estimate
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds per run-step [K, B] of B timed calls, and how many runs each call carried."""
+
+    seconds: Array
+    batch: tuple[int, ...]
+    status: str = "ok"
+    reason: str = ""
+
+
+def measure_time(case: Case, estimator: Estimator, seed: int) -> Timing:
+    """Time an estimator on the first steps of a case: single runs for latency, batches for throughput.
+
+    Each call is warm: a short one goes before. Run it alone on the machine, in one thread.
+    """
+    try:
+        y = simulated(case, seed, 0, TIMED_RUNS).y[:TIMED_STEPS]
+        estimator.run(case.model, y[:5, :, :1].copy(), seed)
+        columns = [_timed_call(case, estimator, y[:, :, r : r + 1], seed + r) for r in range(REPEATS)]
+        columns += [_timed_call(case, estimator, y, seed + r) for r in range(REPEATS)]
+    except Exception as error:
+        return Timing(np.full((1, 1), np.nan), (1,), FAILED, _reason(error))
+    return Timing(np.stack(columns, axis=1), (1,) * REPEATS + (TIMED_RUNS,) * REPEATS)
+
+
+def _timed_call(case: Case, estimator: Estimator, y: Array, seed: int) -> Array:
+    begin = time.perf_counter()
+    estimate = estimator.run(case.model, y.copy(), seed)
+    elapsed = time.perf_counter() - begin
+    if estimate.seconds is None:
+        return np.full(len(y), elapsed / (len(y) * y.shape[2]))
+    return np.asarray(estimate.seconds, float).mean(-1)

@@ -1,0 +1,60 @@
+"""What a worker process does: compute a block and store it."""
+
+import functools
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import wait
+
+from threadpoolctl import threadpool_limits
+
+from suite.plan import TIMING, TRUTH, WorkBlock
+from suite.record import Recorder, Report
+from suite.registry import Catalog
+from suite.work import compute, measure_time, simulated
+
+Load = Callable[[tuple[str, ...]], Catalog]
+
+
+@dataclass(frozen=True)
+class Context:
+    """What every block of a command shares: where to store, how to load the registries, the command itself."""
+
+    results: str
+    load: Load
+    plugins: tuple[str, ...]
+    command: str
+
+
+def start(context: Context) -> None:
+    """Prepare a worker process: one BLAS thread, registries loaded, and an end when the parent process ends."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    recorder(context)
+    threadpool_limits(1)  # after the registries: they bring in the libraries to be limited
+
+
+def perform(context: Context, block: WorkBlock) -> Report:
+    """Compute a block and store it. Raises StoreError when it cannot be stored."""
+    write = recorder(context)
+    case = write.catalog.cases[block.case]
+    if block.kind == TRUTH:
+        return write.truth(block, simulated(case, block.seed, block.first, block.count))
+    estimator = write.catalog.estimators[str(block.estimator)]
+    if block.kind == TIMING:
+        return write.timing(block, measure_time(case, estimator, block.seed))
+    return write.estimate(block, compute(case, estimator, block.seed, block.first, block.count))
+
+
+@functools.lru_cache(maxsize=1)
+def recorder(context: Context) -> Recorder:
+    """The recorder of a command, its registries loaded once a process."""
+    return Recorder(context.results, context.command, context.load(context.plugins))
+
+
+def _end_with(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)
