@@ -53,7 +53,7 @@ def cholesky(stack: Array) -> Array:
     One bad run must not disturb its neighbours, so numpy's all-or-nothing error is resolved run by run.
     """
     try:
-        return np.linalg.cholesky(stack)
+        return np.asarray(np.linalg.cholesky(stack), float)
     except np.linalg.LinAlgError:
         if len(stack) == 1:
             return np.full_like(stack, np.nan)
@@ -72,8 +72,10 @@ def square_root(stack: Array) -> Array:
         inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
         if np.isfinite(stack[r]).all():
             values, directions = np.linalg.eigh(stack[r] * np.outer(inverse, inverse))
-            if values[0] >= -1e-9:
-                root[r] = scale[:, None] * directions * np.sqrt(np.maximum(values, 0.0))
+            found = scale[:, None] * directions * np.sqrt(np.maximum(values, 0.0))
+            tolerance = 1e-9 * np.outer(scale, scale) + 1e-12 * np.abs(stack[r]).max()
+            if (np.abs(found @ found.T - stack[r]) <= tolerance).all():
+                root[r] = found
     return root
 
 

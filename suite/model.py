@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from suite.jacobian import derivative
 from suite.linalg import Array, apply
@@ -148,7 +149,7 @@ class AdditiveSensor:
         total = np.zeros(error.shape[1:])
         for rows, runs in outage_patterns(z):
             if rows:
-                total[runs] = self.noise.marginal(rows).logpdf(error[np.ix_(rows, runs)])
+                total[runs] = self.noise.marginal(rows).logpdf(error[np.asarray(rows)[:, None], runs])
         return total
 
 
@@ -184,7 +185,7 @@ class StateSpaceModel:
         return self.sensor.dim
 
 
-def outage_patterns(z: Array) -> Iterator[tuple[tuple[int, ...], Array]]:
+def outage_patterns(z: Array) -> Iterator[tuple[tuple[int, ...], NDArray[np.intp]]]:
     """Groups of runs of z[m, R] that miss the same components: (rows observed, indices of runs)."""
     patterns, group = np.unique(~np.isnan(z), axis=1, return_inverse=True)
     for g, observed in enumerate(patterns.T):

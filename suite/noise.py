@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 from typing import Protocol
 
 import numpy as np
@@ -67,7 +67,7 @@ class Gaussian:
         scale = np.diag(self.lower)
         if (scale == 0).any():
             raise ValueError("a Gaussian with a singular covariance has no density")
-        return np.linalg.inv(self.lower), float(-0.5 * len(scale) * np.log(2 * np.pi) - np.log(scale).sum())
+        return np.asarray(np.linalg.inv(self.lower), float), float(-0.5 * len(scale) * np.log(2 * np.pi) - np.log(scale).sum())
 
     def sample(self, rng: Generators, shape: tuple[int, ...]) -> Array:
         """Independent draws [d, *shape]."""
@@ -121,9 +121,9 @@ class StudentT:
         return normal * np.sqrt(self.dof / chi2)
 
     def logpdf(self, e: Array) -> Array:
-        """Log-density at e[d, ...]."""
+        """Log-density at e[d, ...]; raises ValueError when the scale matrix is singular."""
         d, dof = len(self.scale), self.dof
-        whiten = np.linalg.inv(self._core.lower)
+        whiten, _ = self._core._whiten
         constant = gammaln((dof + d) / 2) - gammaln(dof / 2) - 0.5 * d * np.log(dof * np.pi)
         constant += np.log(np.diag(whiten)).sum()
         return np.asarray(constant - 0.5 * (dof + d) * np.log1p(_sum_of_squares(apply(whiten, e)) / dof))
@@ -173,10 +173,7 @@ class GaussianMixture:
     def logpdf(self, e: Array) -> Array:
         """Log-density at e[d, ...]."""
         terms = [np.log(w) + c.logpdf(e) for w, c in self._pairs]
-        total = terms[0]
-        for term in terms[1:]:
-            total = np.logaddexp(total, term)
-        return total
+        return np.asarray(reduce(np.logaddexp, terms))
 
     def marginal(self, rows: tuple[int, ...]) -> "GaussianMixture":
         """Law of the components `rows` alone."""
@@ -218,7 +215,7 @@ class Gamma:
         a, s = _column(self.shape, e), _column(self.scale, e)
         with np.errstate(divide="ignore", invalid="ignore"):
             terms = (a - 1) * np.log(e / s) - e / s - gammaln(a) - np.log(s)
-        terms = np.where(e > 0, terms, -np.inf)
+        terms = np.where(e <= 0, -np.inf, terms)
         total = terms[0]
         for term in terms[1:]:
             total = total + term

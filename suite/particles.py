@@ -18,7 +18,7 @@ class Particles:
     @property
     def ess(self) -> Array:
         """Effective sample size 1 / sum w² [R] (Kong, Liu and Wong, 1994)."""
-        return 1.0 / (self.weights * self.weights).sum(-1)
+        return np.asarray(1.0 / (self.weights * self.weights).sum(-1))
 
     def moments(self) -> tuple[Array, Array]:
         """Weighted mean [n, R] and covariance [n, n, R]."""

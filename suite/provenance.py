@@ -43,7 +43,9 @@ def fingerprint(*modules: str, data: tuple[Path, ...] = ()) -> str:
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the libraries that results depend on."""
-    return {"python": platform.python_version()} | {name: _version(name) for name in LIBRARIES}
+    blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
+    found = {"python": platform.python_version()} | {name: _version(name) for name in LIBRARIES}
+    return found | {"blas": f"{blas['name']} {blas['version']}"}
 
 
 def host() -> dict[str, str]:
@@ -104,10 +106,3 @@ def _imports(module: str, source: str, local: frozenset[str]) -> Iterator[str]:
                 yield name
             elif top not in sys.stdlib_module_names:
                 yield top
-
-
-def blas() -> str:
-    """Name of the BLAS library that numpy was built with."""
-    build = np.show_config(mode="dicts")  # type: ignore[no-untyped-call]
-    found = build["Build Dependencies"]["blas"]
-    return f"{found['name']} {found['version']}"

@@ -15,18 +15,20 @@ def systematic(weights: Array, rng: Generators) -> NDArray[np.intp]:
     """
     runs, count = weights.shape
     uniform = rng.random((1, runs, 1))[0]
-    ends = np.ceil(np.cumsum(weights, axis=1) * count - uniform)
-    ends[:, -1] = count  # rounding must not leave the last slots without a parent
-    ends = np.clip(ends, 0, count).astype(np.intp)
+    cumulative = np.cumsum(weights, axis=1)
+    ends = np.clip(np.ceil(cumulative * count - uniform), 0, count)
+    # Rounding must neither leave the last slots without a parent nor give them to one behind the last positive weight.
+    # A run of NaN weights is lost already; any indices do, as long as they are indices.
+    ends = np.where(cumulative < cumulative[:, -1:], ends, count).astype(np.intp)
     starts = np.concatenate([np.zeros((runs, 1), np.intp), ends[:, :-1]], axis=1)
     run, parent = np.nonzero(ends > starts)
     indices = np.zeros((runs, count), np.intp)
     indices[run, starts[run, parent]] = parent
-    return np.maximum.accumulate(indices, axis=1)
+    return np.asarray(np.maximum.accumulate(indices, axis=1))
 
 
 def select(x: Array, indices: NDArray[np.intp]) -> Array:
     """Particles x[n, R, N] picked by indices [R, N] within each run."""
     runs, count = indices.shape
     flat = (indices + count * np.arange(runs)[:, None]).ravel()
-    return np.take(x.reshape(len(x), -1), flat, axis=1, mode="clip").reshape(x.shape)
+    return np.asarray(np.take(x.reshape(len(x), -1), flat, axis=1, mode="clip")).reshape(x.shape)

@@ -68,7 +68,7 @@ class Cell:
     @functools.cached_property
     def counts(self) -> dict[str, int]:
         """How many runs there are of each status."""
-        return {s: self.estimate.status.count(s) for s in ("ok", "lost", "failed")} if self.runs else {}  # type: ignore[attr-defined]
+        return {s: self.estimate.status.count(s) for s in ("ok", "lost", "failed")} if self.runs else {}
 
     def contributions(self, metric: Metric) -> Contributions:
         """Contributions of the runs that count, by block; empty when there is nothing to look at."""
@@ -96,7 +96,7 @@ class CaseResults:
     @functools.cached_property
     def truth_of(self) -> dict[int, tuple[Array, Array]]:
         """States [T, n] and measurements [T, m] of each run."""
-        found = {}
+        found: dict[int, tuple[Array, Array]] = {}
         for entry in self.truths:
             columns = read(entry.path, ["truth", "y"])
             runs = list(_runs(entry))
@@ -201,12 +201,11 @@ def _read_estimate(entry: Entry, card: Card) -> Estimate:
     rows, cols = np.tril_indices(n)
     cov[:, rows, cols] = lower
     cov[:, cols, rows] = lower
-    scalars = {
-        name: None if columns[name] is None else columns[name].reshape(runs, -1).T for name in ("loglik", "ess", "seconds")
-    }
-    innovation = None if columns["innovation"] is None else _steps(columns["innovation"], runs)
-    per_run = {name: list(columns[name][:: card.steps]) for name in ("batch", "status", "reason")}
-    return Estimate(_steps(columns["mean"], runs), cov, innovation=innovation, **scalars, **per_run)
+    parts: dict[str, Any] = {name: list(columns[name][:: card.steps]) for name in ("batch", "status", "reason")}
+    for name in ("loglik", "ess", "seconds"):
+        parts[name] = None if columns[name] is None else columns[name].reshape(runs, -1).T
+    parts["innovation"] = None if columns["innovation"] is None else _steps(columns["innovation"], runs)
+    return Estimate(_steps(columns["mean"], runs), cov, **parts)
 
 
 def _read_timing(entry: Entry) -> Estimate:

@@ -68,10 +68,10 @@ def _spread(blocks: Iterable[WorkBlock], context: Context, workers: int, time_li
             for future in done:
                 yield _report(future, waiting.pop(future), context, time_limit)
     except BaseException:
-        pool.stop()
+        pool.stop()  # type: ignore[no-untyped-call]
         raise
     finally:
-        pool.close()
+        pool.close()  # type: ignore[no-untyped-call]
         pool.join()
 
 

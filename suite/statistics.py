@@ -16,12 +16,16 @@ Statistic = Callable[[Array], Array]
 
 
 def weighted_mean(contributions: Array, weights: Array) -> Array:
-    """Mean over runs of contributions[T, R] under each row of weights[B, R]: [T, B]; NaN contributions are left out."""
-    missing = np.isnan(contributions)
-    if not missing.any():
-        return contributions @ weights.T / weights.sum(1)
-    total = np.where(missing, 0.0, contributions) @ weights.T
-    return total / ((~missing).astype(float) @ weights.T)
+    """Mean over runs of contributions[T, R] under each row of weights[B, R]: [T, B].
+
+    NaN contributions are left out; infinite ones make the mean infinite wherever their weight is not zero.
+    """
+    if np.isfinite(contributions).all():
+        return np.asarray(contributions @ weights.T / weights.sum(1))
+    known = (~np.isnan(contributions)).astype(float) @ weights.T
+    endless = np.isposinf(contributions).astype(float) @ weights.T > 0
+    mean = np.nan_to_num(contributions, nan=0.0, posinf=0.0, neginf=-np.inf) @ weights.T / known
+    return np.where(endless, np.inf, mean)
 
 
 def bca(statistic: Statistic, runs: int, level: float = LEVEL) -> tuple[Array, Array, Array]:
@@ -65,4 +69,5 @@ def _quantile(ordered: Array, probability: Array) -> Array:
     upper = np.minimum(lower + 1, ordered.shape[1] - 1)
     rows = np.arange(len(ordered))
     share = place - lower
-    return np.asarray(ordered[rows, lower] * (1 - share) + ordered[rows, upper] * share)
+    between = ordered[rows, lower] * (1 - share) + ordered[rows, upper] * share
+    return np.where(share > 0, between, ordered[rows, lower])  # zero times infinity is no number

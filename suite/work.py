@@ -145,4 +145,4 @@ def _timed_call(case: Case, estimator: Estimator, y: Array, seed: int) -> Array:
     elapsed = time.perf_counter() - begin
     if estimate.seconds is None:
         return np.full(len(y), elapsed / (len(y) * y.shape[2]))
-    return np.asarray(estimate.seconds, float).mean(-1)
+    return np.asarray(np.mean(estimate.seconds, axis=-1))

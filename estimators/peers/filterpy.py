@@ -55,7 +55,7 @@ class FilterpyUnscented(Filter):
             ukf.Q = cov
             ukf.predict(fx=transition)
             _update(ukf, sensor, z, k)
-        return FilterpyBelief(belief.filters, tuple(bool(np.isfinite(z).any()) for z in y.T))
+        return FilterpyBelief(belief.filters, tuple(not np.isnan(z).all() for z in y.T))
 
     def read(self, belief: FilterpyBelief) -> Readout:
         mean = np.stack([ukf.x for ukf in belief.filters], axis=-1)
@@ -67,7 +67,7 @@ class FilterpyUnscented(Filter):
 
 def _update(ukf: UnscentedKalmanFilter, sensor: AdditiveSensor, z: Array, k: int) -> None:
     """Update with the components of z[m] that were observed; filterpy knows a missing measurement only as a whole."""
-    rows = np.flatnonzero(np.isfinite(z))
+    rows = np.flatnonzero(~np.isnan(z))
     if not len(rows):
         ukf.update(None)
         return

@@ -21,8 +21,8 @@ def mahalanobis(error: Array, cov: Array) -> Array:
     Components are brought to unit variance first: they differ in unit and size. NaN stays NaN; a covariance that is
     not positive definite in floating point gives infinity.
     """
-    scale = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
     with np.errstate(all="ignore"):
+        scale = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
         unit = error / scale
         correlation = cov / (scale[..., :, None] * scale[..., None, :])
     known = np.isfinite(error).all(-1) & np.isfinite(cov).all((-2, -1))
@@ -30,7 +30,8 @@ def mahalanobis(error: Array, cov: Array) -> Array:
     out = np.where(known, np.inf, np.nan)
     safe = np.where(sound[..., None, None], correlation, np.eye(error.shape[-1]))
     values, directions = np.linalg.eigh(safe)
-    positive = sound & (values[..., 0] > 0)
+    rounding = error.shape[-1] * np.finfo(float).eps * values[..., -1]
+    positive = sound & (values[..., 0] > rounding)
     along = np.einsum("...ij,...i->...j", directions, np.where(sound[..., None], unit, 0.0))
     distance = (along**2 / np.where(values > 0, values, 1.0)).sum(-1)
     return np.where(positive, distance, out)

@@ -1,0 +1,63 @@
+"""Everything one does with filterbench, each in an environment of its own: `nox -s report`, `nox -s tests`, ..."""
+
+import os
+from pathlib import Path
+
+import nox
+
+nox.options.sessions = ["lint", "types", "tests"]
+nox.options.reuse_existing_virtualenvs = True
+
+JOBS = str(os.cpu_count() or 1)
+
+
+def install(session: nox.Session, extras: str = "") -> None:
+    """Install the project as it stands in the working tree."""
+    session.install("--quiet", "-e", f".[{extras}]" if extras else ".")
+
+
+@nox.session
+def report(session: nox.Session) -> None:
+    """Run the bench and build the report; further arguments go to `filterbench run`, such as --profile paper."""
+    install(session)
+    session.run("filterbench", "run", "--jobs", JOBS, *session.posargs, success_codes=[0, 1])
+    session.run("filterbench", "report", success_codes=[0, 1])
+
+
+@nox.session
+def tests(session: nox.Session) -> None:
+    """Run the tests; further arguments go to pytest."""
+    install(session, "test")
+    session.run("pytest", *session.posargs)
+
+
+@nox.session
+def lint(session: nox.Session) -> None:
+    """Check style and format."""
+    install(session, "lint")
+    session.run("ruff", "check", ".")
+    session.run("ruff", "format", "--check", ".")
+
+
+@nox.session
+def types(session: nox.Session) -> None:
+    """Check the types of the engine, strictly."""
+    install(session, "types")
+    session.run("mypy")
+
+
+@nox.session
+def bench(session: nox.Session) -> None:
+    """Time the estimators; the figures are kept in bench/ as JSON, one file a run."""
+    install(session, "test")
+    Path("bench").mkdir(exist_ok=True)
+    one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    session.run(
+        "pytest",
+        "tests/benchmarks",
+        "--benchmark-only",
+        "--benchmark-storage=file://bench",
+        "--benchmark-autosave",
+        *session.posargs,
+        env=one_thread,
+    )
