@@ -1,0 +1,1 @@
+"""The reports: stored results as a static site that opens from disk."""

@@ -1,0 +1,128 @@
+"""What a result set shows, in three sentences that are never stronger than the intervals."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+from reports.text import count, listed, quantity
+from reports.views import CaseView, CellView, Key
+from suite.metrics import METRICS
+from suite.score import BEST
+
+FEW_CASES = 3
+"""Up to so many cases are told one by one, more are counted."""
+NAMES_IN_A_LIST = 5
+
+
+def headline(cases: Sequence[CaseView]) -> list[str]:
+    """Three sentences: accuracy, runs that went wrong, cost. Fewer when nothing is stored."""
+    if not any(cell.scores or cell.total for case in cases for cell in case.cells.values()):
+        return ["No run is stored in this results folder, so there is nothing to compare yet."]
+    return [_accuracy(cases), _robustness(cases), _cost(cases)]
+
+
+def first_block(case: CaseView) -> Key:
+    """The key of the RMSE of the case's first block."""
+    return "rmse", case.card.blocks[0].name if case.card.blocks else ""
+
+
+def _accuracy(cases: Sequence[CaseView]) -> str:
+    keyed = [(case, first_block(case)) for case in cases]
+    if len(cases) > FEW_CASES:
+        return _counted(keyed, "RMSE of each case's first block")
+    return _joined([_clause(case, key, "the smallest", f"RMSE of {key[1]}") for case, key in keyed])
+
+
+def _cost(cases: Sequence[CaseView]) -> str:
+    keyed: list[tuple[CaseView, Key]] = [(case, ("latency", "step")) for case in cases]
+    if not any(case.with_score(key) for case, key in keyed):
+        return "No running times are stored."
+    if len(cases) > FEW_CASES:
+        return _counted(keyed, "time of a step")
+    return _joined([_clause(case, key, "the shortest", "step") for case, key in keyed])
+
+
+def _joined(clauses: Sequence[str]) -> str:
+    """Clauses of the cases as one sentence."""
+    text = "; ".join(clauses)
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def _clause(case: CaseView, key: Key, superlative: str, thing: str) -> str:
+    """Who is best on a case, or why nobody can be said to be."""
+    scored, leaders = case.with_score(key), case.leaders(key)
+    where = f"on {case.card.name},"
+    if not scored:
+        return f"{where} no estimator has {_an(thing)}"
+    if not leaders and len(scored) == 1:
+        return (
+            f"{where} only {scored[0].label} has {_an(thing)} ({_value(scored, key)}), so there is nothing to compare it with"
+        )
+    if not leaders:
+        why = "there is one run each" if all(c.scores[key].runs == 1 for c in scored) else "no estimator completed all runs"
+        return f"{where} nobody can be ranked by {thing}, since {why}"
+    names = listed([c.label for c in leaders], NAMES_IN_A_LIST)
+    verb = "has" if len(leaders) == 1 else "tie for"
+    return f"{where} {names} {verb} {superlative} {thing} ({_value(leaders, key)})"
+
+
+def _an(thing: str) -> str:
+    return "a time for a step" if thing == "step" else f"an {thing}"
+
+
+def _value(cells: Sequence[CellView], key: Key) -> str:
+    """The value of some cells, or its range."""
+    metric = METRICS[key[0]]
+    ordered = sorted((c.scores[key] for c in cells), key=lambda s: s.value)
+    low, high = quantity(ordered[0], metric), quantity(ordered[-1], metric)
+    if (low.value, low.unit) == (high.value, high.unit):
+        return f"{low.value} {low.unit}".strip()
+    return f"{low.value}{' ' + low.unit if low.unit != high.unit else ''} to {high.value} {high.unit}".strip()
+
+
+def _counted(keyed: Sequence[tuple[CaseView, Key]], thing: str) -> str:
+    """In how many cases each estimator leads; leaders in the most cases first."""
+    ranked = [(case, key) for case, key in keyed if case.leaders(key)]
+    if not ranked:
+        return f"By {thing}, no estimator can be said to lead in any of {count(len(keyed), 'case')}."
+    leads = Counter(c.label for case, key in ranked for c in case.leaders(key))
+    alone = Counter(c.label for case, key in ranked for c in case.leaders(key) if c.standing[key] == BEST)
+    told = [f"in {n} of {len(keyed)} cases (alone in {alone[label] or 'none'})" for label, n in leads.most_common(3)]
+    (first, _), *others = leads.most_common(3)
+    rest = [f"{label} {words}" for (label, _), words in zip(others, told[1:], strict=True)]
+    more = f"{count(len(leads) - 3, 'other estimator')} in fewer or as many" if len(leads) > 3 else ""
+    return f"By {thing}, {first} leads or ties for the lead {'; '.join(filter(None, [told[0], *rest, more]))}."
+
+
+def _robustness(cases: Sequence[CaseView]) -> str:
+    cells = [(case, cell) for case in cases for cell in case.cells.values()]
+    total = sum(cell.total for _, cell in cells)
+    wrong = [(case, cell, cell.lost + cell.failed) for case, cell in cells if cell.lost + cell.failed]
+    away = [(case, cell, n) for case, cell in cells if (n := diverged(cell))]
+    refused = sum(cell.status == "refused" for _, cell in cells)
+    parts = [
+        f"{_share(sum(n for *_, n in wrong), 'failed or was lost', 'failed or were lost')}{_who(wrong)}",
+        f"{_share(sum(n for *_, n in away), 'diverged', 'diverged')}{_who(away)}",
+    ]
+    tail = (
+        f"; {count(refused, 'combination')} of estimator and case {'is' if refused == 1 else 'are'} refused" if refused else ""
+    )
+    return f"Of {count(total, 'run')}, {parts[0]} and {parts[1]}{tail}." if total else f"No run could be counted{tail}."
+
+
+def diverged(cell: CellView) -> int:
+    """How many of the counted runs diverged by the case's definition."""
+    score = cell.scores.get(("divergence", "runs"))
+    return round(score.value * score.runs) if score and math.isfinite(score.value) else 0
+
+
+def _share(n: int, one: str, many: str) -> str:
+    return f"none {one}" if n == 0 else f"{n} {one if n == 1 else many}"
+
+
+def _who(found: Sequence[tuple[CaseView, CellView, int]]) -> str:
+    """Where it went wrong: the cells with the most such runs."""
+    worst = sorted(found, key=lambda f: -f[2])
+    named = [f"{cell.label} on {case.card.name}, {n} of {cell.total}" for case, cell, n in worst[:2]]
+    rest = f", and {count(len(worst) - 2, 'other cell')}" if len(worst) > 2 else ""
+    return f" ({'; '.join(named)}{rest})" if named else ""

@@ -1,0 +1,105 @@
+"""What the figures of a case draw: errors over time and tracks on the ground, as plain arrays."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from suite.linalg import Array
+from suite.metrics import METRICS, Metric
+from suite.results import CaseResults, Cell
+from suite.statistics import weighted_mean
+
+BAND_POINTS = 200
+"""Steps at which the interval over time is computed; the line itself has all steps."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """A metric over time for one estimator: time[T] and value[T]; the interval low[B], high[B] at the steps `at`[B]."""
+
+    label: str
+    time: Array
+    value: Array
+    at: Array
+    low: Array
+    high: Array
+    runs: int
+    total: int
+
+    @property
+    def hidden(self) -> int:
+        """Steps whose value is infinite, or is missing: a line cannot show them."""
+        return int((~np.isfinite(self.value)).sum())
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """One run on the ground plane: truth[2, T] and the estimates[2, T] by label."""
+
+    run: int
+    chosen_by: str
+    truth: Array
+    estimates: dict[str, Array]
+    missing: tuple[str, ...]
+
+
+def over_time(case: CaseResults, metric: Metric, labels: Sequence[str]) -> dict[str, list[Series]]:
+    """The metric over time by block, for every estimator of which a run came through."""
+    found: dict[str, list[Series]] = {}
+    for label in labels:
+        cell = case.cells.get(label)
+        for block, values in (cell.contributions(metric) if cell else {}).items():
+            if values.shape[1]:
+                found.setdefault(block, []).append(_series(cell, metric, values))
+    return found
+
+
+def _series(cell: Cell, metric: Metric, values: Array) -> Series:
+    steps = len(values)
+    at = np.unique(np.linspace(0, steps - 1, min(steps, BAND_POINTS)).round().astype(int))
+    with np.errstate(all="ignore"):
+        value = metric.link(weighted_mean(values, np.ones((1, values.shape[1]))))[:, 0]
+        _, low, high = metric.over_time(values[at])
+    time = cell.case.card.interval * np.arange(1, steps + 1)
+    return Series(cell.label, time, value, at, low, high, values.shape[1], len(cell.runs))
+
+
+def tracks(case: CaseResults, labels: Sequence[str]) -> Tracks | None:
+    """The run whose error on the ground plane is the median of the first estimator that has one; None without any."""
+    cells = [case.cells[label] for label in labels if label in case.cells and case.cells[label].runs]
+    if case.card.plane is None or not cells:
+        return None
+    plane = list(case.card.plane)
+    first = next((cell for cell in cells if cell.estimate.ok.any()), None)
+    if first is None:
+        return None
+    with np.errstate(all="ignore"):
+        error = ((first.estimate.mean - first.truth.x)[:, plane] ** 2).mean((0, 1))
+    usable = np.flatnonzero(first.estimate.ok)
+    order = usable[np.argsort(error[usable], kind="stable")]
+    run = first.runs[order[(len(order) - 1) // 2]]
+    truth = case.truth_of[run][0][:, plane].T
+    estimates = {}
+    for cell in cells:
+        place = cell.runs.index(run) if run in cell.runs else None
+        if place is not None and cell.estimate.ok[place]:
+            estimates[cell.label] = cell.estimate.mean[:, plane, place].T
+    missing = tuple(cell.label for cell in cells if cell.label not in estimates)
+    return Tracks(run, first.label, truth, estimates, missing)
+
+
+def errors(case: CaseResults, labels: Sequence[str]) -> dict[str, list[Series]]:
+    """Root mean square error over time of each block of the state."""
+    return over_time(case, METRICS["rmse"], labels)
+
+
+def consistency(case: CaseResults, labels: Sequence[str]) -> list[Series]:
+    """Normalised estimation error squared over time."""
+    return over_time(case, METRICS["nees"], labels).get("state", [])
+
+
+def sampled(steps: int, most: int = 60) -> list[int]:
+    """Steps of a table: all of them, or `most` spread evenly, the first and the last included."""
+    return sorted({math.floor(i) for i in np.linspace(0, steps - 1, min(steps, most)).round()})

@@ -1,0 +1,146 @@
+"""What the pages show of a case: scores, standings and states of its cells, taken from the results once."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from reports.text import Quantity, quantity
+from suite.metrics import METRICS, Metric, Score
+from suite.plan import TIMING
+from suite.results import CaseResults, Cell
+from suite.score import standings, status
+from suite.statistics import LEVEL
+
+Key = tuple[str, str]
+"""A metric and a block."""
+PERCENT = f"{100 * LEVEL:g} %"
+
+
+@dataclass(frozen=True)
+class CellView:
+    """An estimator on a case: what became of it and its scores."""
+
+    label: str
+    status: str
+    reason: str
+    lost: int = 0
+    failed: int = 0
+    total: int = 0
+    scores: dict[Key, Score] = field(default_factory=dict)
+    standing: dict[Key, str] = field(default_factory=dict)
+    failures: tuple[tuple[str, str, tuple[str, ...]], ...] = ()
+    meta: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def came_through(self) -> int:
+        """Runs that were neither lost nor failed."""
+        return self.total - self.lost - self.failed
+
+    @property
+    def reasons(self) -> list[str]:
+        """What went wrong, each reason once."""
+        return list(dict.fromkeys(f"{'while timed: ' if kind == TIMING else ''}{why}" for kind, why, _ in self.failures))
+
+    @property
+    def tracebacks(self) -> list[str]:
+        """The tracebacks of what went wrong, each once."""
+        return list(dict.fromkeys(text for *_, texts in self.failures for text in texts))
+
+    @property
+    def timing_failure(self) -> str:
+        """Why there are no running times, when timing it failed."""
+        return next((reason for kind, reason, _ in self.failures if kind == TIMING), "")
+
+    def quantity(self, key: Key) -> Quantity:
+        """A score in words."""
+        return quantity(self.scores[key], METRICS[key[0]])
+
+
+@dataclass(frozen=True)
+class CaseView:
+    """A case with its cells, one for every estimator of the results, run or not."""
+
+    results: CaseResults
+    cells: dict[str, CellView]
+    keys: tuple[Key, ...]
+    runs: int
+
+    @property
+    def card(self) -> Any:
+        """The case's card."""
+        return self.results.card
+
+    def with_score(self, key: Key) -> list[CellView]:
+        """The cells that have a finite score of that metric and block."""
+        return [c for c in self.cells.values() if key in c.scores and math.isfinite(c.scores[key].value)]
+
+    def leaders(self, key: Key) -> list[CellView]:
+        """The cell that is best, or those that tie for it."""
+        return [c for c in self.cells.values() if c.standing.get(key)]
+
+
+def private(case: CaseResults) -> CaseResults:
+    """A copy whose cells forget what they read when the copy goes: estimates of long cases are large."""
+    copy = dataclasses.replace(case, cells={})
+    copy.cells = {label: dataclasses.replace(cell, case=copy) for label, cell in case.cells.items()}
+    return copy
+
+
+def view(case: CaseResults, labels: Sequence[str]) -> CaseView:
+    """What the pages show of a case, for the estimators `labels`."""
+    ranked = standings(case, list(METRICS.values()))
+    cells = {label: _cell(case.cells.get(label), label) for label in labels}
+    keys = _keys(case, cells)
+    for key in keys:
+        # With a single estimator that has a score there is nobody to be better than.
+        if sum(key in c.scores and math.isfinite(c.scores[key].value) for c in cells.values()) < 2:
+            continue
+        for label, standing in ranked.get(key, {}).items():
+            if label in cells:
+                cells[label].standing[key] = standing
+    return CaseView(case, cells, keys, len(case.truth_of))
+
+
+def _keys(case: CaseResults, cells: dict[str, CellView]) -> tuple[Key, ...]:
+    """Metrics and blocks that any cell has, in the order of the metrics and of the case's blocks."""
+    found = {key for cell in cells.values() for key in cell.scores}
+    place = {block.name: i for i, block in enumerate(case.card.blocks)}
+    order = list(METRICS)
+    return tuple(sorted(found, key=lambda k: (order.index(k[0]), place.get(k[1], len(place)), k[1])))
+
+
+def _cell(cell: Cell | None, label: str) -> CellView:
+    if cell is None:
+        return CellView(label, "not run", "this estimator was not run on this case")
+    state = status(cell)
+    failures = tuple((kind, reason, tuple(tracebacks)) for kind, reason, tracebacks in cell.failures)
+    if state["status"] == "not run" and failures:  # without a truth no run counts, but it was tried
+        state |= {"status": "failed", "reason": failures[0][1]}
+    return CellView(
+        label,
+        state["status"],
+        state["reason"],
+        state["lost"],
+        state["failed"],
+        len(cell.runs),
+        _scores(cell, METRICS.values()),
+        {},
+        failures,
+        cell.meta,
+    )
+
+
+def _scores(cell: Cell, metrics: Any) -> dict[Key, Score]:
+    return {(metric.name, block): score for metric in metrics for block, score in cell.scores(metric).items()}
+
+
+def loss(metric: Metric, value: float, best: float) -> float:
+    """How many times a value is worse than the best one; for a metric with a target, how many times it misses it."""
+    if not isinstance(metric.better, str):
+        return max(value / metric.better, metric.better / value) if value > 0 else math.inf
+    ratio = (best, value) if metric.better == "higher" else (value, best)
+    if ratio[0] == ratio[1]:
+        return 1.0
+    return ratio[0] / ratio[1] if ratio[1] > 0 else math.inf

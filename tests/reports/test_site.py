@@ -1,0 +1,338 @@
+"""The site as a folder of pages: whole, linked, harmless, and right about the results."""
+
+import dataclasses
+import json
+import math
+import os
+import re
+import stat
+import xml.etree.ElementTree as ET
+from urllib.parse import unquote
+
+import pytest
+
+from reports import site as site_module
+from reports.pages import overview
+from reports.site import MANIFEST, build, render
+from reports.text import quantity
+from reports.views import view
+from suite import results
+from suite.case import StateBlock
+from suite.errors import BadInput
+from suite.metrics import METRICS, Score
+from suite.score import table
+from suite.store import Store
+
+HOSTILE = (
+    "<script>alert(1)</script>",
+    "\"><img src=x onerror='alert(1)'>",
+    "</script><svg onload=alert(1)>",
+    "$\\frac{1}{2}$ \x00\x1b ‮ 漢字 {{ 7 * 7 }}",
+    "../../etc/passwd",
+    "A b",
+    "a-b",
+    "x" * 200,
+    "",
+)
+
+
+def matrix(folder):
+    """The data that the overview's script reads."""
+    text = (folder / "index.html").read_text(encoding="utf-8")
+    return json.loads(re.search(r'<script type="application/json" id="matrix-data">(.*?)</script>', text, re.S)[1])
+
+
+def check(folder, tools):
+    """What holds for every site: valid structure, unique ids, links that resolve, nothing from outside."""
+    pages = {path.name: tools.read(path) for path in folder.glob("*.html")}
+    for name, page in pages.items():
+        assert len(page.ids) == len(set(page.ids)), f"{name}: an id comes twice"
+        assert page.headings[0] == 1, name
+        assert page.headings.count(1) == 1, name
+        assert all(b - a <= 1 for a, b in zip(page.headings, page.headings[1:], strict=False)), f"{name}: {page.headings}"
+        assert not page.handlers, f"{name}: inline handlers {page.handlers}"
+        assert page.tags.count("script") == 1 + (name == "index.html" and "select" in page.tags), name
+        assert all(found.get("scope") for tag, found in page.attributes if tag == "th"), name
+        for link in page.links:
+            target, _, anchor = link.partition("#")
+            if link == "data:,":
+                continue
+            assert not re.match(r"[a-z]+:|//", link), f"{name} refers to {link}"
+            assert not target or (folder / unquote(target)).is_file(), f"{name} refers to {link}"
+            assert not anchor or anchor in pages.get(target or name).ids, f"{name} refers to {link}"
+    return pages
+
+
+def test_every_page_is_there_and_every_link_resolves(site, tools):
+    pages = check(site, tools)
+    assert set(pages) == {"index.html", "provenance.html", "case-easy-one.html", "case-other.html", "case-lonely.html"}
+    assert (site / "static/style.css").is_file()
+    assert (site / "static/site.js").is_file()
+
+
+def test_the_matrix_says_what_the_table_of_scores_says(variety, site):
+    frame = table(variety, list(METRICS.values()), variety.cases, variety.labels).set_index(["case", "estimator"])
+    data = matrix(site)
+    cases = [view(case, variety.labels) for case in variety.cases.values()]
+    choices = overview.choices(cases)
+    assert [c["id"] for c in data["choices"]] == [c.id for c in choices]
+    compared = 0
+    for case, rows in zip(cases, data["cells"], strict=True):
+        for choice, cells in zip(choices, rows, strict=True):
+            name, block = choice.key(case)
+            for label, cell in zip(variety.labels, cells, strict=True):
+                held = frame.loc[[(case.card.name, label)]] if (case.card.name, label) in frame.index else frame.iloc[:0]
+                row = held[(held.metric == name) & (held.block == block)]
+                if cell[0] not in ("done", "partly"):
+                    assert cell[1] in ("refused", "failed", "lost", "not run", "no such block", "not timed")
+                    assert cell[7]
+                    continue
+                r = row.iloc[0]
+                words = quantity(Score(r.value, r.low, r.high, r.unit, r.runs, r.total), METRICS[name])
+                assert cell[1:4] == [words.value, words.unit, words.interval]
+                expected = {"best": "best", "tied": "tie"}.get(r.standing, "")
+                assert cell[4] == (expected if case.card.name != "lonely" else "")
+                compared += 1
+    assert compared > 40
+
+
+def test_states_differ_and_give_their_reason(variety, site):
+    labels, data = variety.labels, matrix(site)
+    cells = dict(zip(labels, data["cells"][0][0], strict=True))
+    assert {label: cell[0] for label, cell in cells.items()} == {
+        "plain": "done", "shifted": "done", "twin": "done", "choosy": "refused", "broken": "failed", "frail": "partly",
+    }  # fmt: skip
+    assert cells["choosy"][7] == "the model is too hard"
+    assert "no <b>luck</b>" in cells["broken"][7]
+    assert cells["frail"][5] == "3 of 4 runs"
+    assert cells["frail"][4] == cells["frail"][6] == ""
+    assert (cells["plain"][4], cells["twin"][4], cells["shifted"][4]) == ("tie", "tie", "")
+    lonely = dict(zip(labels, data["cells"][2][0], strict=True))
+    assert lonely["plain"][3] == "one run"
+    assert lonely["plain"][4] == lonely["plain"][6] == ""
+    assert lonely["twin"][0] == "not run"
+
+
+def test_the_case_page_tells_the_case(site, tools):
+    page = tools.read(site / "case-easy-one.html")
+    for words in (
+        "Title of easy/one",
+        "the model is too hard",
+        "3 of 4",
+        "1 lost",
+        "Stated assumptions",
+        "paper's own figures on its own data",
+        "8.25 m",
+        "another site",
+        "filterbench run -c 'easy/one' -e plain shifted twin choosy broken frail --runs 4 --seed 1",
+        "exceeds 1000 m for 3 consecutive steps",
+        "12 steps of 0.5 s",
+        "The lines of plain and twin lie on top of each other.",
+        "Radar",
+    ):
+        assert words in " ".join(page.text.split()), words
+    assert page.tags.count("math") == 7
+    assert page.tags.count("figure") == 4
+
+
+def test_provenance_tells_what_went_wrong(site, tools):
+    text = " ".join(tools.read(site / "provenance.html").text.split())
+    for words in (
+        "filterbench run",
+        "RuntimeError: no <b>luck</b>",
+        "Traceback",
+        "the model is too hard",
+        "step 3: gone",
+        "numpy",
+    ):
+        assert words in text, words
+
+
+def test_the_same_results_give_the_same_bytes(variety):
+    assert render(variety, "filterbench report") == render(variety, "filterbench report")
+
+
+@pytest.fixture
+def hostile(tools, tmp_path):
+    """Results in which every text tries to be markup."""
+    cases = []
+    for name in HOSTILE:
+        words = {"title": name, "summary": name, "reference": name, "assumptions": (name,), "landmarks": ((name, 1.0, 2.0),)}
+        blocks, state = (name or "b", "b " + name), (name, "b", "c", "d")
+        cases.append(tools.case(name.replace("=", "-"), blocks=blocks, state=state, **words))
+    estimators = [
+        *(tools.scripted(name.replace("=", "-")) for name in HOSTILE[:4]),
+        tools.scripted(HOSTILE[5], error=HOSTILE[0]),
+        tools.scripted(HOSTILE[6], refusal=HOSTILE[1]),
+    ]
+    written = tools.written(tmp_path / "hostile", command=HOSTILE[0])
+    return written.add(cases, estimators, runs=2).load()
+
+
+def test_no_text_becomes_markup(hostile, tools, tmp_path):
+    out = build(hostile, tmp_path / "site", HOSTILE[2])
+    pages = check(out, tools)
+    assert len(pages) == len(HOSTILE) + 2
+    for page in pages.values():
+        assert "img" not in page.tags
+        assert not any("onload" in found or "onerror" in found for _, found in page.attributes)
+    assert HOSTILE[0] in pages["index.html"].text
+    assert matrix(out)["cells"][0][0][5][7] == HOSTILE[1]
+
+
+def test_drawings_are_well_formed(site):
+    text = (site / "case-easy-one.html").read_text(encoding="utf-8")
+    drawings = re.findall(r"<svg xmlns.*?</svg>", text, re.S)
+    assert len(drawings) == 4
+    for drawing in drawings:
+        tree = ET.fromstring(drawing)
+        assert tree.get("role") == "img"
+        assert {"title", "desc"} <= {element.tag.rpartition("}")[2] for element in tree}
+        assert "#0a0" not in drawing
+        assert "var(--s1)" in drawing
+
+
+def test_without_results_the_pages_say_so(tools, tmp_path):
+    Store(tmp_path / "empty", create=True)
+    out = build(results.load(tmp_path / "empty"), tmp_path / "site", "x")
+    pages = check(out, tools)
+    assert "there is nothing to compare yet" in pages["index.html"].text
+    assert "nothing is stored" in pages["provenance.html"].text
+
+
+@pytest.mark.parametrize(
+    ("estimator", "words"),
+    [
+        ({}, "so there is nothing to compare it with"),
+        ({"error": "broken"}, "no estimator has an RMSE of position"),
+        ({"refusal": "too hard"}, "No run"),
+        ({"value": math.nan}, "no estimator has an RMSE of position"),
+        ({"shift": 1e150}, "RMSE"),
+        ({"variance": 0.0}, "RMSE"),
+    ],
+)
+@pytest.mark.parametrize("runs", [1, 3])
+def test_a_single_cell(tools, tmp_path, estimator, words, runs):
+    loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted("only", **estimator)], runs=runs).load()
+    out = build(loaded, tmp_path / "site", "x")
+    pages = check(out, tools)
+    text = " ".join(pages["index.html"].text.split())
+    assert words in text
+    assert {cell[4] for choices in matrix(out)["cells"][0] for cell in choices} == {""}
+
+
+def test_a_case_without_truth_blames_its_estimators(tools, tmp_path):
+    def fail(rng):
+        raise ValueError("no truth today")
+
+    written = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted("only")])
+    loaded = written.load()
+    for path in (tmp_path / "r").rglob("truth/*.parquet"):
+        path.unlink()
+    loaded = written.load()
+    out = build(loaded, tmp_path / "site", "x")
+    check(out, tools)
+    assert matrix(out)["cells"][0][0][0][0] == "not run"
+
+
+def test_many_estimators_and_long_series(tools, tmp_path):
+    long = tools.case(steps=250, generate=lambda rng: _long(tools, rng))
+    estimators = [tools.scripted(f"e{i}", shift=float(i)) for i in range(11)]
+    loaded = tools.written(tmp_path / "r").add([long], estimators, runs=3).load()
+    pages = render(loaded, "x")
+    assert len(pages["case-easy.html"]) < 3_000_000
+    assert "60 of 250 steps" in pages["case-easy.html"]
+
+
+def _long(tools, rng):
+    from cases.linear_gaussian import MODEL
+    from suite.case import draw
+
+    return draw(MODEL, 250, rng)
+
+
+@pytest.fixture
+def quick(tools, tmp_path):
+    """Results that are rendered at once: two cases that the only estimator refuses."""
+    written = tools.written(tmp_path / "quick results")
+    return written.add([tools.case("one"), tools.case("other")], [tools.scripted("only", refusal="too hard")]).load()
+
+
+def test_stale_pages_go_and_other_files_stay(quick, tmp_path):
+    out = build(quick, tmp_path / "site", "x")
+    (out / "CNAME").write_text("mine")
+    (out / "case-mine.html").write_text("mine")
+    (out / f".filterbench-{2**22 + 1}.index.html.tmp").write_text("half")
+    Store(tmp_path / "empty", create=True)
+    build(results.load(tmp_path / "empty"), out, "x")
+    assert {p.name for p in out.iterdir()} == {"CNAME", "case-mine.html", "index.html", "provenance.html", "static", MANIFEST}
+    assert (out / "CNAME").read_text() == "mine"
+
+
+@pytest.mark.parametrize("manifest", ["", "[]", '{"files": 3}', '{"files": ["../../x", 4, "/etc/passwd", "CNAME"]}'])
+def test_a_damaged_list_of_files_removes_nothing(quick, tmp_path, manifest):
+    out = build(quick, tmp_path / "site", "x")
+    (out / "CNAME").write_text("mine")
+    (tmp_path / "x").write_text("mine")
+    (out / MANIFEST).write_text(manifest)
+    build(quick, out, "x")
+    assert (out / "CNAME").exists()
+    assert (tmp_path / "x").exists()
+    assert "case-other.html" in json.loads((out / MANIFEST).read_text())["files"]
+
+
+def test_an_interrupted_build_leaves_whole_pages_that_the_next_one_replaces(quick, tmp_path, monkeypatch):
+    out = tmp_path / "site"
+    write, written = site_module._write, []
+
+    def interrupted(path, content):
+        if len(written) == 3:
+            raise KeyboardInterrupt
+        written.append(path.name)
+        write(path, content)
+
+    monkeypatch.setattr(site_module, "_write", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        build(quick, out, "x")
+    assert all(path.read_text().rstrip().endswith("</html>") for path in out.glob("*.html"))
+    monkeypatch.undo()
+    build(quick, out, "x")
+    assert not list(out.glob(".*"))
+
+
+def test_a_failed_write_leaves_no_half_page(tmp_path, monkeypatch):
+    monkeypatch.setattr(site_module.os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    Store(tmp_path / "empty", create=True)
+    with pytest.raises(BadInput, match=r"cannot write the site to .*No space left"):
+        build(results.load(tmp_path / "empty"), tmp_path / "site", "x")
+    assert [p for p in (tmp_path / "site").rglob("*") if p.is_file()] == []
+
+
+def test_a_place_that_is_none_for_a_site(quick, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("x")
+    with pytest.raises(BadInput, match="is a file"):
+        build(quick, file, "x")
+    with pytest.raises(BadInput, match="holds other files and no filterbench site"):
+        build(quick, tmp_path, "x")
+    with pytest.raises(BadInput, match="cannot write the site"):
+        build(quick, file / "below", "x")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
+def test_a_folder_that_cannot_be_written(quick, tmp_path):
+    folder = tmp_path / "locked"
+    folder.mkdir()
+    folder.chmod(stat.S_IRUSR | stat.S_IXUSR)
+    with pytest.raises(BadInput, match="cannot write the site"):
+        build(quick, folder / "site", "x")
+
+
+def test_a_case_without_blocks_of_its_divergence_is_still_shown(tools, tmp_path):
+    loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted("a"), tools.scripted("b")]).load()
+    case = loaded.cases["easy"]
+    case.card = dataclasses.replace(case.card, plane=None, landmarks=(), equations=(), published=(), assumptions=(),
+                                    blocks=(*case.card.blocks, StateBlock("unused", (0,), "")))  # fmt: skip
+    page = render(loaded, "x")["case-easy.html"]
+    assert "ground plane" not in page
+    assert "Published" not in page
