@@ -49,7 +49,11 @@ CASES = (
                 "Process noise",
                 r"Q = q \begin{pmatrix} T^3/3 & T^2/2 \\ T^2/2 & T \end{pmatrix}, \quad q = 0.5\ \mathrm{m^2/s^3}",
             ),
-            Equation("Measurements", r"z_k = \begin{pmatrix} x_k \\ y_k \end{pmatrix} + v_k, \quad v_k \sim N(0, \sigma^2 I), \quad \sigma = 10\ \mathrm{m}"),
+            Equation(
+                "Measurements",
+                r"z_k = \begin{pmatrix} x_k \\ y_k \end{pmatrix} + v_k, \quad v_k \sim N(0, \sigma^2 I), "
+                r"\quad \sigma = 10\ \mathrm{m}",
+            ),
         ),
         assumptions=(
             "A textbook problem with parameters chosen here: no published figure belongs to it.",
@@ -59,4 +63,4 @@ CASES = (
         model=MODEL,
         generate=functools.partial(draw, MODEL, STEPS),
     ),
-)  # fmt: skip
+)

@@ -1,27 +1,27 @@
 """The command line: list, run, score, report."""
 
 import argparse
+import contextlib
+import io
+import os
 import shlex
 import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, NoReturn
-
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+from typing import Any, NoReturn, cast
 
 import cases
 from estimators import ESTIMATORS
-from suite import parameters, plan, results, score
-from suite.case import Case
+from suite import plan, results, score
 from suite.errors import BadInput, near
 from suite.metrics import METRICS
 from suite.progress import Progress
+from suite.record import Report
 from suite.registry import Catalog, catalog
 from suite.run import Outcome, execute
 from suite.store import Store
+from suite.tables import describe, print_scores, print_table
 from suite.worker import Context
 
 DONE, TROUBLE, BAD = 0, 1, 2
@@ -36,10 +36,13 @@ def load_catalog(plugins: Sequence[str] = ()) -> Catalog:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns 0 when done, 1 when something failed in a cell, 2 for bad input."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
+    for stream in (sys.stdout, sys.stderr):  # a name that the terminal's encoding lacks is shown escaped
+        cast(io.TextIOWrapper, stream).reconfigure(errors="backslashreplace")
     try:
         options = _parser().parse_args(arguments)
         options.command_line = shlex.join(["filterbench", *arguments])
-        return int(options.action(options))
+        code = int(options.action(options))
+        sys.stdout.flush()
     except BadInput as error:
         _complain(str(error))
         return BAD
@@ -47,8 +50,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complain("interrupted; what is finished is kept, repeat the command to go on")
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output, such as `head`, has seen enough
-        sys.stderr.close()
+        _drop_output()
         return DONE
+    except OSError as error:
+        _complain(str(error))
+        return BAD
+    return code
 
 
 class _Parser(argparse.ArgumentParser):
@@ -122,30 +129,15 @@ def _list(options: argparse.Namespace) -> int:
     known = load_catalog(options.plugin)
     registries: dict[str, Any] = {"estimators": known.estimators, "cases": known.cases, "metrics": METRICS}
     for kind in [options.kind] if options.kind else list(registries):
-        rows = [(entry.name, _describe(entry)) for entry in registries[kind].select([options.pattern])]
-        _print_table(kind, ("name", "what it is"), rows)
+        rows = [(entry.name, describe(entry)) for entry in registries[kind].select([options.pattern])]
+        print_table(kind, ("name", "what it is"), rows)
     return DONE
-
-
-def _describe(entry: Any) -> str:
-    if isinstance(entry, Case):
-        blocks = ", ".join(f"{b.name} ({b.unit})" for b in entry.blocks)
-        return f"{entry.title}; {entry.steps} steps; {blocks}"
-    if entry.name in METRICS and entry is METRICS[entry.name]:
-        better = entry.better if isinstance(entry.better, str) else f"target {entry.better:g}"
-        return f"{entry.title} ({better}); {entry.words}"
-    lines = [(type(entry).__doc__ or "").strip().partition("\n")[0]]
-    for name, value in parameters.values(entry).items():
-        lines.append(f"  {name}={value}  {parameters.fields(entry)[name].metadata.get('doc', '')}")
-    return "\n".join(lines)
 
 
 def _run(options: argparse.Namespace) -> int:
     known = load_catalog(options.plugin)
     estimators, chosen = known.estimators.select(options.estimator), known.cases.select(options.case)
-    store = (
-        Store(options.results, create=not options.dry_run) if not options.dry_run or Path(options.results).exists() else None
-    )
+    store = Store(options.results, create=True) if not options.dry_run else _store_if_any(options.results)
     entries, damages = store.scan() if store else ([], [])
     if store and not options.dry_run:
         store.sweep()
@@ -160,9 +152,18 @@ def _run(options: argparse.Namespace) -> int:
             _complain(f"would set aside {damage.path}: {damage.reason}")
         return DONE
     context = Context(options.results, load_catalog, tuple(options.plugin), options.command_line)
-    with Progress(len(planned.blocks)) as progress:
-        outcome = execute(planned, context, options.jobs, options.time_limit, progress.advance)
+    try:
+        with Progress(len(planned.blocks)) as progress:
+            outcome = execute(planned, context, options.jobs, options.time_limit, progress.advance)
+    finally:  # a worker that was stopped may have been writing
+        Store(options.results).sweep()
     return _conclude(outcome, known, options)
+
+
+def _store_if_any(folder: str) -> Store | None:
+    """The results folder; None when it does not exist yet or is empty."""
+    path = Path(folder)
+    return None if not path.exists() or (path.is_dir() and not any(path.iterdir())) else Store(path)
 
 
 def _announce(planned: plan.Plan, estimators: int, chosen: int, runs: int, options: argparse.Namespace) -> None:
@@ -177,7 +178,7 @@ def _announce(planned: plan.Plan, estimators: int, chosen: int, runs: int, optio
         for block in planned.blocks:
             key = (block.case, block.estimator or "(truth)", block.kind)
             rows[key] = rows.get(key, 0) + 1
-        _print_table("would run", ("case", "estimator", "kind", "blocks"), [(*key, str(n)) for key, n in rows.items()])
+        print_table("would run", ("case", "estimator", "kind", "blocks"), [(*key, str(n)) for key, n in rows.items()])
 
 
 def _conclude(outcome: Outcome, known: Catalog, options: argparse.Namespace) -> int:
@@ -185,22 +186,26 @@ def _conclude(outcome: Outcome, known: Catalog, options: argparse.Namespace) -> 
 
     A plug-in that fails in every run it was given is bad input; anything else that fails is a result.
     """
-    troubled: dict[tuple[str, str], list[Any]] = {}
-    for report in outcome.trouble:
-        troubled.setdefault((report.block.case, report.block.estimator or ""), []).append(report)
-    code = TROUBLE if troubled else DONE
-    for (case, estimator), reports in troubled.items():
-        counted = [r for r in reports if r.block.kind != plan.TIMING] or reports
+    cells: dict[tuple[str, str], list[Report]] = {}
+    for report in outcome.reports:
+        cells.setdefault((report.block.case, report.block.estimator or ""), []).append(report)
+    unsound = {case for (case, estimator), reports in cells.items() if not estimator and any(r.failed for r in reports)}
+    tally: dict[str, list[tuple[int, int]]] = {}
+    for (case, estimator), reports in cells.items():
+        culprit = f"case {case}" if case in unsound or not estimator else f"estimator {estimator.partition('[')[0]}"
+        counted = [r for r in reports if r.block.kind in (plan.TRUTH, plan.ESTIMATE)]
         failed, total = sum(r.failed for r in counted), sum(r.block.count for r in counted)
-        origin = known.plugins.get(f"estimator {estimator.partition('[')[0]}") or known.plugins.get(f"case {case}")
-        source = f" (plug-in {origin})" if origin else ""
-        _complain(
-            f"{estimator or 'simulation'} on {case}{source}: {failed} of {total} runs failed or were lost; {counted[0].reason}"
-        )
-        if origin and failed == total:
-            code = BAD
-    print(f"{outcome.finished} blocks finished; `filterbench score --results {options.results}` shows the scores")
-    return code
+        tally.setdefault(culprit, []).append((failed, total))
+        reason = next((r.reason for r in [*counted, *reports] if r.failed), "")
+        if reason:
+            what = f"{failed} of {total} runs failed or were lost" if failed else "it could not be timed"
+            source = f" (plug-in {known.plugins[culprit]})" if culprit in known.plugins else ""
+            _complain(f"{estimator or 'simulation'} on {case}{source}: {what}; {reason}")
+    print(f"{len(outcome.reports)} blocks finished; `filterbench score --results {options.results}` shows the scores")
+    hopeless = [c for c, counts in tally.items() if 0 < sum(f for f, _ in counts) == sum(n for _, n in counts)]
+    if any(culprit in known.plugins for culprit in hopeless):
+        return BAD
+    return TROUBLE if any(r.failed for r in outcome.reports) else DONE
 
 
 def _score(options: argparse.Namespace) -> int:
@@ -214,7 +219,7 @@ def _score(options: argparse.Namespace) -> int:
     elif options.format == "json":
         print(score.to_json(frame))
     else:
-        _print_scores(frame)
+        print_scores(frame)
     return TROUBLE if loaded.damages else DONE
 
 
@@ -231,6 +236,8 @@ def _report(options: argparse.Namespace) -> int:
 
 def _load(folder: str) -> results.Results:
     loaded = results.load(folder, list(cases.CASES), list(ESTIMATORS))
+    if not loaded.entries and not loaded.damages:
+        raise BadInput(f"no block is finished yet in {folder}; run `filterbench run --results {folder}` first")
     for damage in loaded.damages:
         _complain(f"left out {damage.path}: {damage.reason}; `filterbench run` sets it aside and recomputes it")
     return loaded
@@ -244,29 +251,6 @@ def _matching(kind: str, known: Any, patterns: Sequence[str]) -> list[str]:
         if not any(n == pattern or fnmatchcase(n, pattern) for n in names):
             raise BadInput(f"no stored {kind} matches {pattern!r}; {near(pattern.strip('*?'), names)}")
     return found
-
-
-def _print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for name in header:
-        table.add_column(name, overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
-    Console(width=None if sys.stdout.isatty() else 160).print(table)
-
-
-def _print_scores(frame: Any) -> None:
-    for case, group in frame.groupby("case", sort=False):
-        rows = []
-        for r in group.itertuples():
-            if r.status in ("refused", "not run") or not isinstance(r.metric, str):
-                rows.append((r.estimator, r.status, r.reason, "", "", ""))
-                continue
-            mark = {score.BEST: "best", score.TIED: "tied for best"}.get(r.standing, "")
-            value = f"{r.value:.4g} {r.unit}" if r.value == r.value else "none"
-            interval = f"[{r.low:.4g}, {r.high:.4g}]" if r.low == r.low else "one run" if r.runs == 1 else ""
-            rows.append((r.estimator, f"{r.metric}:{r.block}", value, interval, f"{r.runs}/{r.total}", mark))
-        _print_table(str(case), ("estimator", "metric", "value", "95 % interval", "runs", "standing"), rows)
 
 
 def _integer(low: int) -> Any:
@@ -293,4 +277,10 @@ def _seconds(text: str) -> float:
 
 
 def _complain(message: str) -> None:
-    print(f"filterbench: {message}", file=sys.stderr)
+    print(f"filterbench: {' '.join(message.split())}", file=sys.stderr)
+
+
+def _drop_output() -> None:
+    """Send what is left in the buffer of standard output nowhere, since it cannot be written."""
+    with contextlib.suppress(OSError), Path(os.devnull).open("w") as nowhere:
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())

@@ -13,7 +13,8 @@ def apply(matrix: Array, x: Array) -> Array:
     runs stand beside it (a BLAS call over the flattened trailing axes would not promise that).
     """
     out = np.zeros((len(matrix), *x.shape[1:]))
-    for total, row in zip(out, matrix.tolist(), strict=True):
+    for i, row in enumerate(matrix.tolist()):
+        total = out[i, ...]  # a view even of a single number
         for entry, component in zip(row, x, strict=True):
             if entry:
                 total += component if entry == 1.0 else entry * component
@@ -42,9 +43,12 @@ def factor(cov: Array) -> Array:
             lower[j, j] = np.sqrt(pivot)
             lower[j + 1 :, j] = (cov[j + 1 :, j] - lower[j + 1 :, :j] @ lower[j, :j]) / lower[j, j]
     scale = np.sqrt(np.abs(np.diag(cov)))
-    if (np.abs(lower @ lower.T - cov) > 1e-8 * np.outer(scale, scale) + 1e-300).any():
-        raise ValueError("a covariance must be positive semidefinite")
-    return lower
+    if (np.abs(lower @ lower.T - cov) <= 1e-8 * np.outer(scale, scale) + 1e-300).all():
+        return lower
+    try:  # a pivot that small was no zero after all
+        return np.asarray(np.linalg.cholesky(cov), float)
+    except np.linalg.LinAlgError:
+        raise ValueError("a covariance must be positive semidefinite") from None
 
 
 def cholesky(stack: Array) -> Array:

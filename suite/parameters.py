@@ -7,6 +7,8 @@ from typing import Any
 
 from suite.errors import BadInput, near
 
+_KINDS: dict[type, str] = {int: "an integer", float: "a number", bool: "true or false", str: "text"}
+
 
 def parameter(
     default: Any,
@@ -45,6 +47,8 @@ def check(estimator: Any) -> None:
     kinds = typing.get_type_hints(type(estimator))
     for name, field in fields(estimator).items():
         value, kind, limits = getattr(estimator, name), kinds[name], field.metadata
+        if kind not in _KINDS:
+            raise BadInput(f"{estimator.name}: {name} is a parameter of type {_kind_name(kind)}; use int, float, bool or str")
         accepted = (int, float) if kind is float else kind
         if not isinstance(value, accepted) or (kind is not bool and isinstance(value, bool)):
             raise BadInput(f"{estimator.name}: {name} must be {_kind_name(kind)}, got {value!r}")
@@ -85,5 +89,4 @@ def _parse(owner: str, name: str, kind: type, text: str) -> Any:
 
 
 def _kind_name(kind: type) -> str:
-    names = {int: "an integer", float: "a number", bool: "true or false", str: "text"}
-    return names.get(kind, getattr(kind, "__name__", str(kind)))
+    return _KINDS.get(kind, str(kind))

@@ -8,6 +8,7 @@ from typing import Any
 
 from suite import parameters
 from suite.case import Case
+from suite.errors import BadInput, one_line
 from suite.estimator import Estimator
 from suite.provenance import fingerprint
 from suite.registry import Catalog
@@ -79,7 +80,7 @@ def make(
         truth = _version(TRUTH, catalog, case, None, seed)
         blocks += _missing(TRUTH, case, None, seed, truth, truth, runs, size, held)
         for estimator in estimators:
-            reason = estimator.accepts(case.model)
+            reason = _refusal(estimator, case)
             kind = REFUSAL if reason else ESTIMATE
             refused += bool(reason)
             version = _version(kind, catalog, case, estimator, seed)
@@ -94,6 +95,17 @@ def make(
     return Plan(tuple(blocks), held.used, held.failures, len(cases) * len(estimators), refused)
 
 
+def _refusal(estimator: Estimator, case: Case) -> str | None:
+    """Why the estimator cannot run on the case, if so. Raises BadInput when its `accepts` does not say."""
+    try:
+        reason = estimator.accepts(case.model)
+    except Exception as error:
+        raise BadInput(f"{estimator.name}: accepts raised for the model of {case.name}: {one_line(error)}") from error
+    if not isinstance(reason, str | None):
+        raise BadInput(f"{estimator.name}: accepts must return None or the reason as text, got {reason!r}")
+    return reason
+
+
 class _Held:
     """Which runs of which version are stored."""
 
@@ -102,7 +114,7 @@ class _Held:
         self.runs: dict[str, dict[int, Entry]] = {}
         self.used = 0
         self.failures = 0
-        for entry in entries:
+        for entry in sorted(entries, key=lambda e: e.meta["created"]):  # of blocks that overlap the newest counts
             meta = entry.meta
             for run in range(meta["first"], meta["first"] + meta["count"]):
                 self.runs.setdefault(meta["version"], {})[run] = entry

@@ -41,7 +41,7 @@ class Progress:
         if self.bar:
             words = f"{report.block.estimator or 'truth'} on {report.block.case}"
             self.bar.update(self.task, advance=1, description=words)
-        elif time.monotonic() - self.spoke > PLAIN_EVERY:
+        elif self.done < self.total and time.monotonic() - self.spoke > PLAIN_EVERY:
             self.spoke = time.monotonic()
             left = (self.spoke - self.begin) / self.done * (self.total - self.done)
             print(f"{self.done} of {self.total} blocks, about {left:.0f} s left", file=sys.stderr, flush=True)

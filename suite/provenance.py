@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 OURS = frozenset({"suite", "estimators", "cases"})
+UNKNOWN = "unknown"
 LIBRARIES = ("filterbench", "numpy", "scipy", "pandas", "pyarrow", "filterpy")
 
 
@@ -20,7 +21,8 @@ LIBRARIES = ("filterbench", "numpy", "scipy", "pandas", "pyarrow", "filterpy")
 def fingerprint(*modules: str, data: tuple[Path, ...] = ()) -> str:
     """Hash of the source of modules and of all that they import from this project, and of data files.
 
-    Other libraries enter by their version: a new one may change the numbers. A package's `__init__` enters only when
+    Other libraries enter by their version, or by their source where they have none: a new one may change the numbers. The
+    place of a file does not enter, so that a plug-in may move. A package's `__init__` enters only when
     it is imported itself, so that adding an entry to a registry leaves the fingerprints of the others alone.
     """
     local = OURS | {m.partition(".")[0] for m in modules}
@@ -30,15 +32,15 @@ def fingerprint(*modules: str, data: tuple[Path, ...] = ()) -> str:
         name = waiting.pop()
         if name in sources:
             continue
-        if name.partition(".")[0] in local:
+        if name.partition(".")[0] in local or _version(name) == UNKNOWN:
             text = _source(name)
             sources[name] = hashlib.sha256(text.encode()).hexdigest()
             waiting += _imports(name, text, local)
         else:
-            sources[name] = _version(name)
+            sources[name] = f"{name} {_version(name)}"
     for path in data:
-        sources[f"data {path.name}"] = hashlib.sha256(path.read_bytes()).hexdigest()
-    return hashlib.sha256("\n".join(f"{k} {v}" for k, v in sorted(sources.items())).encode()).hexdigest()[:16]
+        sources[f"data {path}"] = f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}"
+    return hashlib.sha256("\n".join(sorted(sources.values())).encode()).hexdigest()[:16]
 
 
 def versions() -> dict[str, str]:
@@ -83,7 +85,7 @@ def _version(module: str) -> str:
     try:
         return version(module)
     except PackageNotFoundError:
-        return str(getattr(sys.modules.get(module), "__version__", "unknown"))
+        return str(getattr(sys.modules.get(module), "__version__", UNKNOWN))
 
 
 def _imports(module: str, source: str, local: frozenset[str]) -> Iterator[str]:

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib
 import importlib.util
+import json
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -80,7 +81,7 @@ def split_variant(text: str) -> tuple[str, dict[str, str]]:
     Brackets without '=' are a glob's character set and stay part of the pattern.
     """
     match = re.fullmatch(r"(.*?)\[([^\]]*=[^\]]*)\]", text)
-    if not match:
+    if not match or "=" in match[1]:
         if "=" in text:
             raise BadInput(f"cannot read {text!r}; write settings as name[parameter=value,...]")
         return text, {}
@@ -107,7 +108,8 @@ class Catalog:
     def with_plugins(self, files: Sequence[str]) -> "Catalog":
         """The catalog with the entries of installed entry points and of the given files. Raises BadInput."""
         catalog = self
-        for module, origin in [*_installed(), *((_load_file(f), f) for f in dict.fromkeys(files))]:
+        distinct = {Path(file).resolve(): file for file in files}
+        for module, origin in [*_installed(), *((_load_file(f), f) for f in distinct.values())]:
             catalog = catalog._with_module(module, origin)
         return catalog
 
@@ -139,21 +141,42 @@ def _listed(module: ModuleType, name: str, origin: str) -> list[object]:
 
 
 def _checked_estimator(entry: object, origin: str) -> Estimator:
+    if isinstance(entry, type):
+        raise BadInput(f"plug-in {origin}: ESTIMATORS holds the class {entry.__name__}, not an instance")
     for attribute in ("name", "reference", "accepts", "run"):
-        if isinstance(entry, type) or not hasattr(entry, attribute):
-            what = (
-                f"the class {entry.__name__}, not an instance"
-                if isinstance(entry, type)
-                else f"{entry!r} without {attribute!r}"
-            )
-            raise BadInput(f"plug-in {origin}: ESTIMATORS holds {what}")
-    return entry  # type: ignore[return-value]
+        if not hasattr(entry, attribute):
+            raise BadInput(f"plug-in {origin}: ESTIMATORS holds {entry!r} without {attribute!r}")
+    estimator: Estimator = entry  # type: ignore[assignment]
+    _check_name(estimator.name, origin)
+    if not isinstance(estimator.reference, str):
+        raise BadInput(f"plug-in {origin}: the reference of {estimator.name} must be text, got {estimator.reference!r}")
+    try:
+        parameters.check(estimator)
+    except BadInput as error:
+        raise BadInput(f"plug-in {origin}: {error}") from None
+    except NameError as error:  # an annotation that cannot be read
+        raise BadInput(f"plug-in {origin}: the parameters of {estimator.name} have no types: {one_line(error)}") from None
+    return estimator
 
 
 def _checked_case(entry: object, origin: str) -> Case:
     if not isinstance(entry, Case):
         raise BadInput(f"plug-in {origin}: CASES holds {entry!r}, which is not a suite.case.Case")
+    _check_name(entry.name, origin)
+    for path in entry.data:
+        if not isinstance(path, Path) or not path.is_file():
+            raise BadInput(f"plug-in {origin}: data of case {entry.name} must be paths of files, got {path!r}")
+    try:
+        json.dumps(entry.to_dict())
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"plug-in {origin}: case {entry.name} holds what is not plain data: {one_line(error)}") from None
     return entry
+
+
+def _check_name(name: object, origin: str) -> None:
+    """Names are typed in shells, stand in tables and patterns: no spaces, quotes, brackets or wildcards."""
+    if not isinstance(name, str) or not re.fullmatch(r"[\w.:+-]+", name):
+        raise BadInput(f"plug-in {origin}: the name {name!r} must consist of letters, digits and . : + - _")
 
 
 def _installed() -> Iterator[tuple[ModuleType, str]]:

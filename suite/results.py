@@ -71,17 +71,29 @@ class Cell:
         return {s: self.estimate.status.count(s) for s in ("ok", "lost", "failed")} if self.runs else {}
 
     def contributions(self, metric: Metric) -> Contributions:
-        """Contributions of the runs that count, by block; empty when there is nothing to look at."""
-        if metric.timed:
-            return metric.contributions(self.case.card, _NO_TRUTH, self.timing) if self.timing else {}
-        return metric.contributions(self.case.card, self.truth, self.estimate) if self.runs else {}
+        """Contributions of the runs that count, by block, computed once; empty when there is nothing to look at."""
+        if metric.name not in self._contributions:
+            source = self.timing if metric.timed else self.estimate if self.runs else None
+            truth = _NO_TRUTH if metric.timed or source is None else self.truth
+            self._contributions[metric.name] = metric.contributions(self.case.card, truth, source) if source else {}
+        return self._contributions[metric.name]
 
     def scores(self, metric: Metric) -> dict[str, Score]:
-        """The metric's scores by block; empty when there is nothing to look at."""
-        return {
-            block: metric.score(values, metric.unit_of(self.case.card, block), len(self.runs))
-            for block, values in self.contributions(metric).items()
-        }
+        """The metric's scores by block, computed once; empty when there is nothing to look at."""
+        if metric.name not in self._scores:
+            self._scores[metric.name] = {
+                block: metric.score(values, metric.unit_of(self.case.card, block), len(self.runs))
+                for block, values in self.contributions(metric).items()
+            }
+        return self._scores[metric.name]
+
+    @functools.cached_property
+    def _contributions(self) -> dict[str, Contributions]:
+        return {}
+
+    @functools.cached_property
+    def _scores(self) -> dict[str, dict[str, Score]]:
+        return {}
 
 
 @dataclass(eq=False)

@@ -1,9 +1,12 @@
 """Running a plan: blocks spread over worker processes, failures recorded, the rest going on."""
 
+import contextlib
 import multiprocessing
+import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 
 from pebble import ProcessExpired, ProcessPool
 
@@ -15,10 +18,9 @@ from suite.worker import Context, perform, recorder, start
 
 @dataclass
 class Outcome:
-    """What a command did: blocks finished, and the reports of those in which something went wrong."""
+    """What a command did: the reports of all blocks, as they were finished."""
 
-    finished: int = 0
-    trouble: list[Report] = field(default_factory=list)
+    reports: list[Report] = field(default_factory=list)
 
 
 def execute(
@@ -32,9 +34,7 @@ def execute(
     outcome = Outcome()
 
     def account(report: Report) -> None:
-        outcome.finished += 1
-        if report.failed:
-            outcome.trouble.append(report)
+        outcome.reports.append(report)
         progress(report)
 
     for block in plan.blocks:
@@ -60,9 +60,10 @@ def _spread(blocks: Iterable[WorkBlock], context: Context, workers: int, time_li
         context=multiprocessing.get_context("spawn"),
     )
     try:
-        waiting: dict[Future[Report], WorkBlock] = {
-            pool.schedule(perform, args=(context, block), timeout=time_limit): block for block in blocks
-        }
+        with _deaf_to_interrupts():
+            waiting: dict[Future[Report], WorkBlock] = {
+                pool.schedule(perform, args=(context, block), timeout=time_limit): block for block in blocks
+            }
         while waiting:
             done, _ = wait(waiting, return_when=FIRST_COMPLETED)
             for future in done:
@@ -75,6 +76,17 @@ def _spread(blocks: Iterable[WorkBlock], context: Context, workers: int, time_li
         pool.join()
 
 
+@contextlib.contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Threads and processes started inside inherit a mask: Ctrl-C reaches the main thread alone, which stops them."""
+    resource_tracker.ensure_running()  # when it starts, it lifts the mask
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
 def _report(future: "Future[Report]", block: WorkBlock, context: Context, time_limit: float) -> Report:
     try:
         return future.result()
@@ -83,7 +95,8 @@ def _report(future: "Future[Report]", block: WorkBlock, context: Context, time_l
     except TimeoutError:
         reason = f"ran past the time limit of {time_limit:g} s for a block"
     except ProcessExpired as error:
-        reason = f"the worker process died (exit code {error.exitcode}); perhaps it ran out of memory"
-    except Exception as error:
+        hint = "; perhaps it ran out of memory" if error.exitcode == -signal.SIGKILL else ""
+        reason = f"the worker process died (exit code {error.exitcode}){hint}"
+    except (Exception, SystemExit) as error:
         reason = one_line(error)
     return recorder(context).failure(block, reason)

@@ -53,19 +53,14 @@ def status(cell: Cell) -> dict[str, Any]:
         return {"status": "refused", "reason": cell.refusal, "lost": 0, "failed": 0}
     counts = cell.counts
     if not counts:
-        return {"status": "not run", "reason": "no run is stored", "lost": 0, "failed": 0}
-    bad = counts["lost"] + counts["failed"]
-    word = (
-        "failed"
-        if counts["failed"] == len(cell.runs)
-        else "lost"
-        if bad == len(cell.runs)
-        else "partly failed"
-        if bad
-        else "done"
-    )
+        reasons = [reason for _, reason, _ in cell.failures]  # a case that does not simulate has failures but no truth
+        failed = sum(entry.meta["failed"] for entry in cell.estimates)
+        word = "failed" if reasons else "not run"
+        return {"status": word, "reason": reasons[0] if reasons else "no run is stored", "lost": 0, "failed": failed}
+    lost, failed, total = counts["lost"], counts["failed"], len(cell.runs)
+    words = {0: "done", total: "failed" if failed == total else "lost"}
     reason = next((r for s, r in zip(cell.estimate.status, cell.estimate.reason, strict=True) if s != "ok"), "")
-    return {"status": word, "reason": reason, "lost": counts["lost"], "failed": counts["failed"]}
+    return {"status": words.get(lost + failed, "partly failed"), "reason": reason, "lost": lost, "failed": failed}
 
 
 def standings(case: CaseResults, metrics: Sequence[Metric]) -> dict[tuple[str, str], dict[str, str]]:
@@ -88,16 +83,19 @@ class _Candidate:
 def _standing(case: CaseResults, name: str, block: str, metric: Metric) -> dict[str, str]:
     """Best: every other estimator is worse beyond the interval of the paired difference. Tied: not so.
 
-    An estimator with a failed or lost run is never best. Scores are turned into losses, see `_loss`.
+    An estimator with a failed or lost run is neither, and one without a rival is not best of anything. Scores are turned
+    into losses, see `_loss`.
     """
+    scored = {label: cell for label, cell in case.cells.items() if block in cell.scores(metric)}
     candidates = []
-    for label, cell in case.cells.items():
-        score = cell.scores(metric).get(block)
-        if score and np.isfinite(score.value) and score.runs == score.total and score.runs > 1:
+    for label, cell in scored.items():
+        score = cell.scores(metric)[block]
+        whole = cell.counts.get("lost", 0) + cell.counts.get("failed", 0) == 0
+        if whole and np.isfinite(score.value) and score.runs > 1:
             values = cell.contributions(metric)[block]
             runs = tuple(range(values.shape[1])) if metric.timed else tuple(cell.runs)
             candidates.append(_Candidate(label, values, runs, float(_loss(metric, np.array([score.value]))[0])))
-    if not candidates:
+    if not candidates or len(scored) < 2:
         return {}
     leader = min(candidates, key=lambda c: c.loss)
     level = [c.label for c in candidates if c is not leader and not _worse(metric, c, leader)]
@@ -124,7 +122,8 @@ def _loss(metric: Metric, value: Array) -> Array:
         return value
     if metric.better == "higher":
         return -value
-    return np.abs(np.log(value / float(metric.better)))
+    with np.errstate(divide="ignore"):  # a value of zero misses its target infinitely often
+        return np.abs(np.log(value / float(metric.better)))
 
 
 def to_json(frame: pandas.DataFrame) -> str:

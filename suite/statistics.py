@@ -1,5 +1,6 @@
 """Intervals over Monte Carlo runs, for smooth functions of run averages."""
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -38,9 +39,7 @@ def bca(statistic: Statistic, runs: int, level: float = LEVEL) -> tuple[Array, A
         value = statistic(np.ones((1, runs)))[:, 0]
         if runs < 2:
             return value, np.full_like(value, np.nan), np.full_like(value, np.nan)
-        rng = np.random.Generator(np.random.SFC64(runs))
-        draws = rng.multinomial(runs, np.full(runs, 1 / runs), size=RESAMPLES).astype(float)
-        replicates = np.sort(statistic(draws), axis=1)
+        replicates = np.sort(statistic(_resamples(runs)), axis=1)
         jackknife = statistic(1.0 - np.eye(runs))
         spread = jackknife.mean(1, keepdims=True) - jackknife
         skewness = (spread**3).sum(1) / (6.0 * (spread**2).sum(1) ** 1.5)
@@ -62,6 +61,13 @@ def proportion(count: int, total: int, level: float = LEVEL) -> tuple[float, flo
     return float(interval.low), float(interval.high)
 
 
+@functools.lru_cache(maxsize=16)
+def _resamples(runs: int) -> Array:
+    """Weights [B, R] of the bootstrap resamples of a number of runs, the same at every call."""
+    rng = np.random.Generator(np.random.SFC64(runs))
+    return rng.multinomial(runs, np.full(runs, 1 / runs), size=RESAMPLES).astype(float)
+
+
 def _quantile(ordered: Array, probability: Array) -> Array:
     """Quantiles of each row of ordered[S, B] at its own probability [S]."""
     place = np.clip(probability, 0, 1) * (ordered.shape[1] - 1)
@@ -70,4 +76,4 @@ def _quantile(ordered: Array, probability: Array) -> Array:
     rows = np.arange(len(ordered))
     share = place - lower
     between = ordered[rows, lower] * (1 - share) + ordered[rows, upper] * share
-    return np.where(share > 0, between, ordered[rows, lower])  # zero times infinity is no number
+    return np.asarray(np.where(share > 0, between, ordered[rows, lower]))  # zero times infinity is no number

@@ -1,14 +1,17 @@
 """The store: one immutable, content-addressed Parquet file a block of work.
 
 Files are tidy, one row per run and step, all with one schema, so that `pandas.read_parquet(folder)` reads a whole
-folder. They are written under a temporary name, flushed and renamed: what is there is whole. Names that begin with an
-underscore or a dot are not results, and Parquet readers skip them.
+folder. They are written under a temporary name, flushed and renamed: what is there is whole. A checksum in each file's
+footer tells when it has changed since. Names that begin with an underscore or a dot are not results, and Parquet readers
+skip them.
 """
 
 import errno
+import io
 import json
 import os
 import re
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +25,7 @@ from suite.errors import StoreError
 from suite.linalg import Array
 
 FORMAT = 1
+META, CHECKSUM = b"filterbench", b"filterbench.checksum"
 MARKER = "_filterbench.json"
 SET_ASIDE = "_set_aside"
 _TEXT = pa.dictionary(pa.int32(), pa.string())
@@ -91,7 +95,7 @@ class Store:
             try:
                 entries.append(Entry(path, _read_meta(path)))
             except Exception as error:  # whatever a damaged file makes the reader raise
-                damages.append(Damage(path, " ".join(str(error).split())[:200]))
+                damages.append(Damage(path, " ".join(str(error).split())[:200] or type(error).__name__))
         return entries, damages
 
     def set_aside(self, damage: Damage) -> Path:
@@ -113,18 +117,21 @@ class Store:
         for path in self.folder.rglob(".*.tmp"):
             match = re.fullmatch(r"\.\w+\.(\d+)\.tmp", path.name)
             if match and not _alive(int(match[1])):
-                path.unlink(missing_ok=True)
+                try:
+                    path.unlink(missing_ok=True)
+                except OSError as error:
+                    raise unwritable(path, error) from error
 
     def write(self, address: str, meta: Mapping[str, Any], columns: Mapping[str, Any], rows: int) -> Path:
         """Store a block; columns left out are null. Raises StoreError when the disk does not take it."""
         folder = self.folder / _slug(meta["case"]["name"]) / _slug(meta["estimator"]["label"] if meta["estimator"] else "truth")
         final, temporary = folder / f"{address}.parquet", folder / f".{address}.{os.getpid()}.tmp"
-        table = _table(columns, rows).replace_schema_metadata({"filterbench": json.dumps({**meta, "address": address})})
+        content = _encode(_table(columns, rows), json.dumps({**meta, "address": address}))
         try:
             folder.mkdir(parents=True, exist_ok=True)
             try:
                 with temporary.open("wb") as sink:
-                    pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
+                    sink.write(content)
                     sink.flush()
                     os.fsync(sink.fileno())
                 temporary.replace(final)
@@ -192,6 +199,20 @@ def _table(columns: Mapping[str, Any], rows: int) -> pa.Table:
     return pa.table(arrays, schema=SCHEMA)
 
 
+def _encode(table: pa.Table, meta: str) -> bytes:
+    """The bytes of a block's file; the footer holds what it says of itself, and the checksum."""
+    buffer = io.BytesIO()
+    with pq.ParquetWriter(buffer, SCHEMA, compression="zstd", write_page_checksum=True) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({META: meta, CHECKSUM: _checksum(buffer.getvalue(), meta.encode())})
+    return buffer.getvalue()
+
+
+def _checksum(data: bytes, meta: bytes) -> str:
+    """Checksum of all that stands before the footer, and of what the file says of itself."""
+    return f"{zlib.crc32(meta, zlib.crc32(data)):08x}"
+
+
 def _array(column: pa.ChunkedArray) -> Any:
     if column.null_count == len(column):
         return None
@@ -208,10 +229,14 @@ def _read_meta(path: Path) -> dict[str, Any]:
         raise ValueError("not a Parquet file of this store")
     if not path.is_file():
         raise ValueError("not a readable file")
-    raw = (pq.read_schema(path).metadata or {}).get(b"filterbench")
-    if raw is None:
+    content = path.read_bytes()
+    said = pq.read_metadata(io.BytesIO(content)).metadata or {}
+    if META not in said or CHECKSUM not in said:
         raise ValueError("a Parquet file, but not written by filterbench")
-    meta = json.loads(raw)
+    footer = int.from_bytes(content[-8:-4], "little") + 8
+    if _checksum(content[:-footer], said[META]) != said[CHECKSUM].decode():
+        raise ValueError("its contents have changed since they were written")
+    meta = json.loads(said[META])
     if meta.get("address") != path.stem:
         raise ValueError(f"its contents belong to address {meta.get('address')}")
     return dict(meta)

@@ -1,5 +1,6 @@
 """What a worker process does: compute a block and store it."""
 
+import contextlib
 import functools
 import multiprocessing
 import os
@@ -10,6 +11,7 @@ from multiprocessing.connection import wait
 
 from threadpoolctl import threadpool_limits
 
+from suite.errors import BadInput
 from suite.plan import TIMING, TRUTH, WorkBlock
 from suite.record import Recorder, Report
 from suite.registry import Catalog
@@ -33,7 +35,8 @@ def start(context: Context) -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-    recorder(context)
+    with contextlib.suppress(BadInput):  # the first block raises it again, where the parent process can see it
+        recorder(context)
     threadpool_limits(1)  # after the registries: they bring in the libraries to be limited
 
 

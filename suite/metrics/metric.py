@@ -63,7 +63,8 @@ class Metric:
         """Contributions [T, R'] of the runs that count: those that came through, and for a rate also those lost."""
         accepted = (OK, LOST) if self.binomial else (OK,)
         used = np.array([status in accepted for status in estimate.status], bool)
-        found = self.fn(case, truth, estimate)
+        with np.errstate(all="ignore"):  # errors of any size, and NaN in runs that are left out next
+            found = self.fn(case, truth, estimate)
         return found if self.timed else {block: values[:, used] for block, values in found.items()}
 
     def unit_of(self, case: Card, block: str) -> str:
@@ -85,7 +86,11 @@ class Metric:
 
     def average(self, contributions: Array) -> Statistic:
         """The metric as a statistic of weighted runs; steps at which no run contributes are left out."""
-        return lambda weights: np.nanmean(self.link(weighted_mean(contributions, weights)), axis=0)[None]
+        complete = not np.isnan(contributions).any()
+        if complete and self.link is np.positive:  # averages over time and over runs commute: average over time once
+            contributions = contributions.mean(0, keepdims=True)
+        over_steps = np.mean if complete else np.nanmean
+        return lambda weights: over_steps(self.link(weighted_mean(contributions, weights)), axis=0)[None]
 
     def over_time(self, contributions: Array) -> tuple[Array, Array, Array]:
         """The metric at each step, with its interval: [T], [T], [T]."""

@@ -79,4 +79,4 @@ def tiny(name, generate=None):
 
 
 CASES = (tiny("tiny"),)
-ESTIMATORS = (Smoothed(), Last())
+ESTIMATORS = (Last(), Smoothed())

@@ -1,0 +1,52 @@
+"""What the command line prints: tables of registry entries and of scores."""
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from suite import parameters, score
+from suite.case import Case
+from suite.metrics import METRICS
+
+
+def describe(entry: Any) -> str:
+    """What a case, a metric or an estimator is, with the parameters it takes."""
+    if isinstance(entry, Case):
+        blocks = ", ".join(f"{b.name} ({b.unit})" for b in entry.blocks)
+        return f"{entry.title}; {entry.steps} steps; {blocks}"
+    if entry.name in METRICS and entry is METRICS[entry.name]:
+        better = entry.better if isinstance(entry.better, str) else f"target {entry.better:g}"
+        return f"{entry.title} ({better}); {entry.words}"
+    lines = [(type(entry).__doc__ or "").strip().partition("\n")[0]]
+    for name, value in parameters.values(entry).items():
+        lines.append(f"  {name}={value}  {parameters.fields(entry)[name].metadata.get('doc', '')}")
+    return "\n".join(lines)
+
+
+def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table; where the output is no terminal, plainly and 160 characters wide."""
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for name in header:
+        table.add_column(name, overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
+
+
+def print_scores(frame: Any) -> None:
+    """Print a table of scores for each case."""
+    for case, group in frame.groupby("case", sort=False):
+        rows = []
+        for r in group.itertuples():
+            if r.status in ("refused", "not run") or not isinstance(r.metric, str):
+                rows.append((r.estimator, r.status, r.reason, "", "", ""))
+                continue
+            mark = {score.BEST: "best", score.TIED: "tied for best"}.get(r.standing, "")
+            value = f"{r.value:.4g} {r.unit}" if r.value == r.value else "none"
+            interval = f"[{r.low:.4g}, {r.high:.4g}]" if r.low == r.low else "one run" if r.runs == 1 else ""
+            rows.append((r.estimator, f"{r.metric}:{r.block}", value, interval, f"{r.runs}/{r.total}", mark))
+        print_table(str(case), ("estimator", "metric", "value", "95 % interval", "runs", "standing"), rows)

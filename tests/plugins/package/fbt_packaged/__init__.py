@@ -1,0 +1,1 @@
+"""A package with an estimator and a case for filterbench."""

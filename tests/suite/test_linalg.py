@@ -1,0 +1,144 @@
+"""Matrix factors by their defining property, on matrices that are singular, badly scaled or bad."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from suite.linalg import apply, cholesky, factor, square_root, symmetric
+
+
+@st.composite
+def semidefinite(draw, stack=False):
+    """B Bᵀ scaled by 1e-12..1e12 on its diagonal; often singular, some components zero."""
+    n = draw(st.integers(1, 6))
+    rank = draw(st.integers(0, n))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    exponents = draw(st.lists(st.floats(-6, 6), min_size=n, max_size=n))
+    zero = draw(st.lists(st.booleans(), min_size=n, max_size=n)) if draw(st.booleans()) else [False] * n
+    count = draw(st.integers(1, 4)) if stack else 1
+    root = rng.standard_normal((count, n, rank)) * (10.0 ** np.array(exponents) * ~np.array(zero))[:, None]
+    cov = root @ np.swapaxes(root, 1, 2)
+    return cov if stack else cov[0]
+
+
+def reproduces(root, cov, tolerance=1e-8):
+    scale = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
+    error = np.abs(root @ np.swapaxes(root, -1, -2) - cov)
+    return (error <= tolerance * scale[..., :, None] * scale[..., None, :]).all()
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(semidefinite())
+def test_factor_is_lower_triangular_and_reproduces(cov):
+    lower = factor(cov)
+    assert (np.triu(lower, 1) == 0).all()
+    assert (np.diag(lower) >= 0).all()
+    assert reproduces(lower, cov)
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(semidefinite(stack=True))
+def test_square_root_reproduces(stack):
+    assert reproduces(square_root(stack), stack)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(semidefinite())
+def test_factor_of_a_definite_matrix_is_cholesky(cov):
+    correlation = cov / np.maximum(np.sqrt(np.outer(np.diag(cov), np.diag(cov))), 1e-300)
+    correlation = (correlation + np.eye(len(cov))) / 2
+    np.testing.assert_allclose(factor(correlation), np.linalg.cholesky(correlation), rtol=1e-9, atol=1e-12)
+
+
+def test_factor_keeps_rank():
+    gain = np.array([[0.5], [1.0], [2.0]])
+    lower = factor(gain @ gain.T)
+    np.testing.assert_allclose(lower, np.concatenate([gain, np.zeros((3, 2))], axis=1), atol=1e-15)
+    assert (factor(np.zeros((3, 3))) == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("cov", "words"),
+    [
+        (np.ones((2, 3)), "square"),
+        (np.ones(3), "square"),
+        ([[1.0, 0.5], [0.4, 1.0]], "symmetric"),
+        ([[1.0, 2.0], [2.0, 1.0]], "semidefinite"),
+        ([[-1.0]], "semidefinite"),
+        ([[0.0, 1.0], [1.0, 1.0]], "semidefinite"),
+        ([[1e-20, 1e-9], [1e-9, 1.0]], "semidefinite"),
+        ([[1.0, 0.0], [0.0, -1e-14]], "semidefinite"),
+        ([[np.nan]], "finite"),
+        ([[np.inf]], "finite"),
+    ],
+)
+def test_factor_names_what_is_wrong(cov, words):
+    with pytest.raises(ValueError, match=words):
+        factor(np.array(cov))
+
+
+BAD = {
+    "indefinite": [[1.0, 2.0], [2.0, 1.0]],
+    "negative": [[-1.0, 0.0], [0.0, 1.0]],
+    "negative and small": [[-1e-3, 0.0], [0.0, 1.0]],
+    "correlated with a constant": [[0.0, 1.0], [1.0, 1.0]],
+    "correlated constants": [[0.0, 1.0], [1.0, 0.0]],
+    "nan": [[np.nan, 0.0], [0.0, 1.0]],
+    "nan aside": [[1.0, np.nan], [np.nan, 1.0]],
+    "infinite": [[np.inf, 0.0], [0.0, 1.0]],
+}
+
+
+@pytest.mark.parametrize("bad", BAD.values(), ids=BAD)
+def test_a_bad_matrix_is_not_finite_and_its_neighbours_are_as_if_alone(bad):
+    good, singular = np.array([[2.0, 0.3], [0.3, 1.0]]), np.array([[1.0, 2.0], [2.0, 4.0]])
+    stack = np.stack([good, np.array(bad), singular, good * 3])
+    root, lower = square_root(stack), cholesky(stack)
+    assert not np.isfinite(root[1]).all()
+    assert not np.isfinite(lower[1]).all()
+    if np.isfinite(bad).all():
+        assert np.isnan(root[1]).all()
+        assert np.isnan(lower[1]).all()
+    assert reproduces(root[[0, 2, 3]], stack[[0, 2, 3]])
+    for i in (0, 2, 3):
+        np.testing.assert_array_equal(root[i], square_root(stack[i : i + 1])[0])
+        np.testing.assert_array_equal(lower[i], cholesky(stack[i : i + 1])[0])
+    np.testing.assert_array_equal(lower[0], np.linalg.cholesky(good))
+
+
+def test_square_root_forgives_rounding():
+    """A variance, or an eigenvalue, that is negative by rounding counts as zero."""
+    nearly = np.array([[1.0, 1.0], [1.0, 1.0 - 1e-14]])
+    below = np.diag([1.0, -1e-17])
+    root = square_root(np.stack([nearly, below]))
+    np.testing.assert_allclose(root @ np.swapaxes(root, 1, 2), [np.ones((2, 2)), np.diag([1.0, 0.0])], atol=1e-12)
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(st.integers(1, 5), st.integers(1, 5), st.integers(0, 3), st.integers(0, 2**32 - 1))
+def test_apply_is_the_matrix_product_over_trailing_axes(p, n, trailing, seed):
+    rng = np.random.default_rng(seed)
+    matrix = rng.standard_normal((p, n)) * rng.integers(0, 2, (p, n))
+    x = rng.standard_normal((n, *range(2, 2 + trailing)))
+    before = x.copy()
+    np.testing.assert_allclose(apply(matrix, x), np.tensordot(matrix, x, axes=1), rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(x, before)
+
+
+def test_apply_gives_each_column_the_same_bits_alone():
+    rng = np.random.default_rng(0)
+    matrix, x = rng.standard_normal((4, 5)), rng.standard_normal((5, 33))
+    whole = apply(matrix, x)
+    for r in range(33):
+        np.testing.assert_array_equal(apply(matrix, x[:, r : r + 1])[:, 0], whole[:, r])
+
+
+def test_symmetric_part():
+    np.testing.assert_array_equal(symmetric(np.array([[[1.0, 2.0], [4.0, 3.0]]])), [[[1.0, 3.0], [3.0, 3.0]]])
+
+
+def test_factor_of_a_nearly_singular_covariance():
+    lower = np.array([[1.0, 0.0, 0.0], [1.0, 7e-7, 0.0], [0.0, 1.0, 1.0]])
+    cov = lower @ lower.T
+    np.testing.assert_allclose(factor(cov) @ factor(cov).T, cov, rtol=1e-12, atol=1e-12)

@@ -1,0 +1,204 @@
+"""Which blocks are asked for, which are stored already, and what their addresses depend on."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+import cases
+from estimators import ESTIMATORS
+from suite import plan, provenance
+from suite.errors import BadInput
+from suite.registry import catalog
+from suite.store import Entry
+
+TINY = str(Path(__file__).resolve().parents[1] / "plugins" / "tiny.py")
+
+
+@pytest.fixture
+def known():
+    return catalog(ESTIMATORS, cases.MODULES).with_plugins([TINY])
+
+
+@pytest.fixture
+def make(known):
+    def make(names, runs=4, size=2, seed=1, entries=(), retry=False, chosen=("tiny",)):
+        return plan.make(known, known.estimators.select(names), known.cases.select(chosen), runs, seed, size, entries, retry)
+
+    return make
+
+
+def entry(block, number=0, failed=0):
+    """What the store says of a block."""
+    meta = {"version": block.version, "first": block.first, "count": block.count, "failed": failed, "created": f"{number:04}"}
+    return Entry(Path(f"{number:04}-{block.address}.parquet"), meta)
+
+
+def spans(planned, kind=plan.ESTIMATE):
+    return [(b.first, b.count) for b in planned.blocks if b.kind == kind]
+
+
+def test_blocks_cover_all_runs_once(make):
+    for runs, size, expected in ((4, 2, [(0, 2), (2, 2)]), (5, 2, [(0, 2), (2, 2), (4, 1)]), (3, 8, [(0, 3)])):
+        planned = make(["last"], runs, size)
+        assert spans(planned) == spans(planned, plan.TRUTH) == expected
+        assert spans(planned, plan.TIMING) == [(0, 1)]
+
+
+def test_truth_comes_first_and_timing_last(make):
+    kinds = [b.kind for b in make(["last", "kalman"]).blocks]
+    assert kinds == ["truth"] * 2 + ["estimate"] * 4 + ["timing"] * 2
+
+
+def test_addresses_differ(make):
+    blocks = make(["*", "bootstrap[particles=5]"], chosen=["*"]).blocks
+    assert len({b.address for b in blocks}) == len(blocks)
+
+
+def test_what_is_stored_is_left_out(make):
+    first = make(["last"])
+    planned = make(["last"], entries=[entry(b) for b in first.blocks])
+    assert (planned.blocks, planned.stored) == ((), 5)
+
+
+def test_more_runs_need_only_the_missing_ones(make):
+    entries = [entry(b) for b in make(["last"], 4, 4).blocks]
+    planned = make(["last"], 8, 6, entries=entries)
+    assert spans(planned) == [(4, 2), (6, 2)], "blocks begin at multiples of their size"
+    assert spans(planned, plan.TIMING) == []
+    assert make(["last"], 3, 1, entries=entries).blocks == ()
+
+
+def test_gaps_are_filled(make):
+    blocks = make(["last"], 8, 1).blocks
+    planned = make(["last"], 8, 4, entries=[entry(b) for b in blocks if b.first in (1, 2, 6)])
+    assert spans(planned) == [(0, 1), (3, 1), (4, 2), (7, 1)]
+
+
+def test_failed_blocks_run_again_on_demand(make):
+    blocks = make(["last"]).blocks
+    entries = [entry(b, failed=int(b.kind == plan.ESTIMATE and b.first == 2)) for b in blocks]
+    planned = make(["last"], entries=entries)
+    assert (planned.blocks, planned.stored_failures) == ((), 1)
+    assert spans(make(["last"], entries=entries, retry=True)) == [(2, 2)]
+
+
+def test_a_later_block_counts_for_an_earlier_one_of_the_same_runs(make):
+    """A failed block of four was run again as two of two, which came through."""
+    entries = [entry(b, 9, failed=1) for b in make(["last"], 4, 4).blocks if b.kind == plan.ESTIMATE]
+    entries += [entry(b, 10) for b in make(["last"], 4, 2).blocks]
+    for order in (entries, entries[::-1]):
+        assert make(["last"], entries=order, retry=True).blocks == ()
+
+
+def test_a_refusal_is_planned_once(make):
+    planned = make(["last"], 6, chosen=["linear-gaussian"])
+    refusals = [b for b in planned.blocks if b.kind == plan.REFUSAL]
+    assert [b.reason for b in refusals] == ["it takes one measurement component"]
+    assert (planned.cells, planned.refused, spans(planned), spans(planned, plan.TIMING)) == (1, 1, [], [])
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"), [(True, "accepts must return None or the reason as text, got True"), (None, "accepts raised")]
+)
+def test_accepts_that_does_not_say(known, answer, words):
+    class Vague:
+        name, reference = "vague", ""
+
+        def accepts(self, model):
+            if answer is None:
+                raise ArithmeticError("no\nidea")
+            return answer
+
+    with pytest.raises(BadInput, match=words):
+        plan.make(known, [Vague()], known.cases.select(["tiny"]), 1, 1, 1, [])
+
+
+# What an address depends on.
+
+
+def addresses(planned, kind=plan.ESTIMATE):
+    return {b.address for b in planned.blocks if b.kind == kind}
+
+
+@pytest.fixture
+def changed(monkeypatch):
+    """Make a module's source look changed."""
+    real = provenance._source
+
+    def change(module):
+        provenance.fingerprint.cache_clear()
+        monkeypatch.setattr(provenance, "_source", lambda name: real(name) + ("\n# changed" if name == module else ""))
+
+    yield change
+    provenance.fingerprint.cache_clear()
+
+
+def test_addresses_stay_when_nothing_changes(make, changed):
+    before = make(["*"], chosen=["*"])
+    changed("no.such.module")
+    assert make(["*"], chosen=["*"]) == before
+
+
+@pytest.mark.parametrize("kind", [plan.ESTIMATE, plan.TIMING])
+def test_a_parameter_and_the_seed_change_the_address(make, kind):
+    plain = addresses(make(["smoothed"]), kind)
+    assert plain.isdisjoint(addresses(make(["smoothed[gain=0.25]"]), kind))
+    assert plain.isdisjoint(addresses(make(["smoothed"], seed=2), kind))
+    assert addresses(make(["smoothed[gain=0.5]"]), kind) == plain
+    assert addresses(make(["smoothed"]), plan.TRUTH).isdisjoint(addresses(make(["smoothed"], seed=2), plan.TRUTH))
+
+
+@pytest.mark.parametrize(
+    ("module", "estimates", "truths"),
+    [
+        ("estimators.bootstrap", True, False),
+        ("suite.resampling", True, False),
+        ("suite.estimator", True, False),
+        ("suite.work", True, False),
+        ("suite.linalg", True, True),
+        ("suite.random", True, True),
+        ("suite.case", True, True),
+        ("cases.linear_gaussian", True, True),
+        ("estimators.kalman", False, False),
+        ("estimators", False, False),
+        ("cases", False, False),
+        ("cases.multistatic_radar", False, False),
+        ("suite.metrics.error", False, False),
+        ("suite.metrics", False, False),
+        ("suite.statistics", False, False),
+        ("suite.store", False, False),
+        ("suite.cli", False, False),
+        ("reports.site", False, False),
+    ],
+)  # fmt: skip
+def test_sources_change_the_addresses_of_what_they_produce(make, changed, module, estimates, truths):
+    before = make(["bootstrap"], chosen=["linear-gaussian"])
+    changed(module)
+    after = make(["bootstrap"], chosen=["linear-gaussian"])
+    for kind, differs in ((plan.ESTIMATE, estimates), (plan.TIMING, estimates), (plan.TRUTH, truths)):
+        assert addresses(before, kind).isdisjoint(addresses(after, kind)) == differs
+        assert (addresses(before, kind) == addresses(after, kind)) != differs
+
+
+def test_a_data_file_changes_the_addresses_of_its_case(known, tmp_path):
+    data = tmp_path / "track.csv"
+    case = dataclasses.replace(known.cases["tiny"], data=(data,))
+    estimators = known.estimators.select(["last"])
+
+    def planned(text):
+        data.write_text(text)
+        provenance.fingerprint.cache_clear()
+        return {b.address for b in plan.make(known, estimators, [case], 2, 1, 2, []).blocks}
+
+    assert planned("1,2") == planned("1,2")
+    assert planned("1,2").isdisjoint(planned("1,3"))
+
+
+def test_more_entries_change_no_address(make, tmp_path):
+    more = tmp_path / "more.py"
+    more.write_text("from estimators.kalman import Kalman\nclass More(Kalman):\n    name = 'more'\nESTIMATORS = (More(),)\n")
+    before = make(["kalman", "last"])
+    wide = catalog(ESTIMATORS, cases.MODULES).with_plugins([TINY, str(more)])
+    after = plan.make(wide, wide.estimators.select(["*"]), wide.cases.select(["tiny"]), 4, 1, 2, [])
+    assert {b.address for b in before.blocks} < {b.address for b in after.blocks}
