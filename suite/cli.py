@@ -9,11 +9,12 @@ import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, NoReturn, cast
+from typing import Any
 
 import cases
 from estimators import ESTIMATORS
 from suite import plan, results, score
+from suite.arguments import parse
 from suite.errors import BadInput, near
 from suite.metrics import METRICS
 from suite.progress import Progress
@@ -36,12 +37,14 @@ def load_catalog(plugins: Sequence[str] = ()) -> Catalog:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns 0 when done, 1 when something failed in a cell, 2 for bad input."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
-    for stream in (sys.stdout, sys.stderr):  # a name that the terminal's encoding lacks is shown escaped
-        cast(io.TextIOWrapper, stream).reconfigure(errors="backslashreplace")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name that the terminal's encoding lacks is shown escaped
+            stream.reconfigure(errors="backslashreplace")
+    commands = {"list": _list, "run": _run, "score": _score, "report": _report}
     try:
-        options = _parser().parse_args(arguments)
+        options = parse(arguments)
         options.command_line = shlex.join(["filterbench", *arguments])
-        code = int(options.action(options))
+        code = commands[options.command](options)
         sys.stdout.flush()
     except BadInput as error:
         _complain(str(error))
@@ -56,73 +59,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complain(str(error))
         return BAD
     return code
-
-
-class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, as all errors of this program."""
-
-    def error(self, message: str) -> NoReturn:
-        raise BadInput(f"{message}; see `{self.prog} --help`")
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog="filterbench", description="Compare nonlinear Bayesian filters for target tracking.", allow_abbrev=False
-    )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
-    pattern = "glob pattern; give the option several times for several"
-    folder = {"default": "results", "metavar": "DIR", "help": "results folder (default: results)"}
-
-    def command(name: str, action: Any, words: str) -> argparse.ArgumentParser:
-        made = commands.add_parser(name, help=words, description=words, allow_abbrev=False)
-        made.set_defaults(action=action)
-        return made
-
-    def selection(made: argparse.ArgumentParser) -> None:
-        made.add_argument(
-            "-e", "--estimator", action="extend", nargs="+", default=[], metavar="PATTERN", help=f"estimators, {pattern}"
-        )
-        made.add_argument("-c", "--case", action="extend", nargs="+", default=[], metavar="PATTERN", help=f"cases, {pattern}")
-
-    def plugin(made: argparse.ArgumentParser) -> None:
-        made.add_argument(
-            "--plugin", action="append", default=[], metavar="FILE", help="Python file with more estimators or cases"
-        )
-
-    listing = command("list", _list, "show what there is to run and to measure")
-    listing.add_argument("kind", nargs="?", choices=("estimators", "cases", "metrics"), help="what to show (default: all)")
-    listing.add_argument("pattern", nargs="?", default="*", metavar="PATTERN", help="glob pattern")
-    plugin(listing)
-
-    run = command("run", _run, "run estimators on cases and store what comes out")
-    selection(run)
-    plugin(run)
-    run.add_argument(
-        "--profile", choices=tuple(plan.PROFILES), default="quick", help="quick: 12 runs a cell, wide intervals; paper: 100"
-    )
-    run.add_argument("--runs", type=_integer(1), metavar="N", help="Monte Carlo runs of each cell (default: the profile's)")
-    run.add_argument("--seed", type=_integer(0), default=1, metavar="S", help="seed of all random streams (default: 1)")
-    run.add_argument("--jobs", type=_integer(1), default=1, metavar="J", help="worker processes (default: 1)")
-    run.add_argument("--block", type=_integer(1), metavar="N", help="runs in a block of work (default: the profile's)")
-    run.add_argument(
-        "--time-limit", type=_seconds, default=600.0, metavar="SECONDS", help="for one block of work (default: 600)"
-    )
-    run.add_argument("--results", **folder)  # type: ignore[arg-type]
-    run.add_argument("--retry-failed", action="store_true", help="run again the stored blocks in which something failed")
-    run.add_argument("--dry-run", action="store_true", help="say what would run, and run nothing")
-
-    scoring = command("score", _score, "compute metrics from stored results")
-    selection(scoring)
-    scoring.add_argument(
-        "-m", "--metric", action="extend", nargs="+", default=[], metavar="PATTERN", help=f"metrics, {pattern}"
-    )
-    scoring.add_argument("--results", **folder)  # type: ignore[arg-type]
-    scoring.add_argument("--format", choices=("table", "csv", "json"), default="table", help="how to print (default: table)")
-
-    report = command("report", _report, "render stored results as a static HTML site")
-    report.add_argument("--results", **folder)  # type: ignore[arg-type]
-    report.add_argument("--out", default="site", metavar="DIR", help="folder of the site (default: site)")
-    return parser
 
 
 def _list(options: argparse.Namespace) -> int:
@@ -209,7 +145,7 @@ def _conclude(outcome: Outcome, known: Catalog, options: argparse.Namespace) -> 
 
 
 def _score(options: argparse.Namespace) -> int:
-    loaded = _load(options.results)
+    loaded = _load(options)
     metrics = METRICS.select(options.metric)
     frame = score.table(
         loaded, metrics, _matching("case", loaded.cases, options.case), _matching("estimator", loaded.labels, options.estimator)
@@ -229,15 +165,16 @@ def _report(options: argparse.Namespace) -> int:
     out, folder = Path(options.out), Path(options.results)
     if folder.resolve() in [out.resolve(), *out.resolve().parents]:
         raise BadInput(f"--out {out} lies in the results folder {folder}; name a folder outside it")
-    loaded = _load(options.results)
+    loaded = _load(options)
     print((build(loaded, out, options.command_line) / "index.html").resolve())
     return TROUBLE if loaded.damages else DONE
 
 
-def _load(folder: str) -> results.Results:
-    loaded = results.load(folder, list(cases.CASES), list(ESTIMATORS))
+def _load(options: argparse.Namespace) -> results.Results:
+    loaded = results.load(options.results, list(cases.CASES), list(ESTIMATORS), options.seed)
     if not loaded.entries and not loaded.damages:
-        raise BadInput(f"no block is finished yet in {folder}; run `filterbench run --results {folder}` first")
+        which = "" if options.seed is None else f" with seed {options.seed}"
+        raise BadInput(f"no block{which} is finished yet in {options.results}; run `filterbench run --results {options.results}` first")
     for damage in loaded.damages:
         _complain(f"left out {damage.path}: {damage.reason}; `filterbench run` sets it aside and recomputes it")
     return loaded
@@ -251,29 +188,6 @@ def _matching(kind: str, known: Any, patterns: Sequence[str]) -> list[str]:
         if not any(n == pattern or fnmatchcase(n, pattern) for n in names):
             raise BadInput(f"no stored {kind} matches {pattern!r}; {near(pattern.strip('*?'), names)}")
     return found
-
-
-def _integer(low: int) -> Any:
-    def parse(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"must be an integer of at least {low}, got {text!r}") from None
-        if value < low:
-            raise argparse.ArgumentTypeError(f"must be at least {low}, got {value}")
-        return value
-
-    return parse
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"must be a positive number of seconds, got {text!r}")
-    return value
 
 
 def _complain(message: str) -> None:

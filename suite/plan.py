@@ -77,17 +77,17 @@ def make(
     blocks: list[WorkBlock] = []
     refused = 0
     for case in cases:
-        truth = _version(TRUTH, catalog, case, None, seed)
+        truth = version(TRUTH, catalog, case, None, seed)
         blocks += _missing(TRUTH, case, None, seed, truth, truth, runs, size, held)
         for estimator in estimators:
             reason = _refusal(estimator, case)
             kind = REFUSAL if reason else ESTIMATE
             refused += bool(reason)
-            version = _version(kind, catalog, case, estimator, seed)
+            cell = version(kind, catalog, case, estimator, seed)
             wanted = 1 if reason else runs
-            blocks += _missing(kind, case, estimator, seed, version, truth, wanted, size, held, reason or "")
+            blocks += _missing(kind, case, estimator, seed, cell, truth, wanted, size, held, reason or "")
             if not reason:
-                timing = _version(TIMING, catalog, case, estimator, seed)
+                timing = version(TIMING, catalog, case, estimator, seed)
                 blocks += _missing(TIMING, case, estimator, seed, timing, truth, 1, 1, held)
     # Truth first, since all else refers to it; timing last, when nothing else runs beside it.
     order = {TRUTH: 0, REFUSAL: 0, ESTIMATE: 1, TIMING: 2}
@@ -129,12 +129,12 @@ class _Held:
 
 
 def _missing(
-    kind: str, case: Case, estimator: Estimator | None, seed: int, version: str, truth: str, runs: int, size: int,
+    kind: str, case: Case, estimator: Estimator | None, seed: int, cell: str, truth: str, runs: int, size: int,
     held: _Held, reason: str = "",
 ) -> list[WorkBlock]:  # fmt: skip
     """Blocks for the runs not covered yet: consecutive ones together, `size` at most."""
     label = parameters.label(estimator) if estimator else None
-    covered = held.covered(version, runs)
+    covered = held.covered(cell, runs)
     blocks, start = [], 0
     while start < runs:
         if start in covered:
@@ -143,12 +143,13 @@ def _missing(
         stop = start
         while stop < min(runs, (start // size + 1) * size) and stop not in covered:
             stop += 1
-        blocks.append(WorkBlock(kind, case.name, label, seed, start, stop - start, version, truth, reason))
+        blocks.append(WorkBlock(kind, case.name, label, seed, start, stop - start, cell, truth, reason))
         start = stop
     return blocks
 
 
-def _version(kind: str, catalog: Catalog, case: Case, estimator: Estimator | None, seed: int) -> str:
+def version(kind: str, catalog: Catalog, case: Case, estimator: Estimator | None, seed: int) -> str:
+    """What identifies the blocks of a cell: a hash of sources, data files, parameters and seed, but not of runs."""
     parts: list[Any] = [kind, case.name, fingerprint(catalog.modules[case.name], "suite.case", data=case.data), seed]
     if estimator is not None:
         sources = fingerprint(type(estimator).__module__, ENGINE)

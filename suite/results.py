@@ -137,13 +137,16 @@ class Results:
         return list(dict.fromkeys(label for case in self.cases.values() for label in case.cells))
 
 
-def load(folder: str | Path, case_order: Sequence[str] = (), estimator_order: Sequence[str] = ()) -> Results:
+def load(
+    folder: str | Path, case_order: Sequence[str] = (), estimator_order: Sequence[str] = (), seed: int | None = None
+) -> Results:
     """Read what a results folder holds. Raises StoreError when it is none.
 
-    Of several versions of a case the newest counts, and of each estimator the newest that ran on that truth.
+    Of several versions of a case the newest counts, and of each estimator the newest that ran on that truth; with a seed
+    given, only what was run with it.
     """
     entries, damages = Store(folder).scan()
-    entries.sort(key=lambda e: e.meta["created"])
+    entries = sorted((e for e in entries if seed in (None, e.meta["seed"])), key=lambda e: e.meta["created"])
     truths: dict[str, list[Entry]] = {}
     for entry in entries:
         if entry.meta["kind"] == TRUTH:

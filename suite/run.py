@@ -3,6 +3,7 @@
 import contextlib
 import multiprocessing
 import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field
@@ -78,7 +79,13 @@ def _spread(blocks: Iterable[WorkBlock], context: Context, workers: int, time_li
 
 @contextlib.contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """Threads and processes started inside inherit a mask: Ctrl-C reaches the main thread alone, which stops them."""
+    """Threads and processes started inside inherit a mask: Ctrl-C reaches the main thread alone, which stops them.
+
+    Windows has no such masks; there the workers' own complaints about Ctrl-C may be seen.
+    """
+    if sys.platform == "win32":
+        yield
+        return
     resource_tracker.ensure_running()  # when it starts, it lifts the mask
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

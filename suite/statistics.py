@@ -4,8 +4,7 @@ import functools
 from collections.abc import Callable
 
 import numpy as np
-from scipy.special import ndtr, ndtri
-from scipy.stats import binomtest
+from scipy.special import betaincinv, ndtr, ndtri
 
 from suite.linalg import Array
 
@@ -57,8 +56,10 @@ def proportion(count: int, total: int, level: float = LEVEL) -> tuple[float, flo
     """Exact interval of a binomial proportion (Clopper and Pearson, 1934); NaN when there is nothing to count."""
     if total == 0:
         return float("nan"), float("nan")
-    interval = binomtest(count, total).proportion_ci(level, method="exact")
-    return float(interval.low), float(interval.high)
+    tail = (1 - level) / 2
+    low = betaincinv(count, total - count + 1, tail) if count > 0 else 0.0
+    high = betaincinv(count + 1, total - count, 1 - tail) if count < total else 1.0
+    return float(low), float(high)
 
 
 @functools.lru_cache(maxsize=16)

@@ -11,7 +11,7 @@ import numpy as np
 from suite import parameters
 from suite.case import Case, Truth
 from suite.errors import one_line
-from suite.estimator import FAILED, Estimate, Estimator, join, unavailable
+from suite.estimator import FAILED, LOST, OK, Estimate, Estimator, join, unavailable
 from suite.linalg import Array
 from suite.random import Streams
 
@@ -103,9 +103,13 @@ def examined(estimate: object, case: Case, runs: int, elapsed: float) -> Estimat
         part = getattr(estimate, name)
         if part is not None and np.shape(part) != shape:
             raise ValueError(f"{name} has shape {np.shape(part)}, expected {shape}")
+        if part is not None and len(shape) > 1:
+            setattr(estimate, name, np.asarray(part, float))
+    unknown = set(estimate.status) - {OK, LOST, FAILED}
+    if unknown:
+        raise ValueError(f"status must be one of {OK}, {LOST}, {FAILED}, got {sorted(map(str, unknown))}")
     for name in ("mean", "cov"):
-        part = np.asarray(getattr(estimate, name), float)
-        setattr(estimate, name, part)
+        part = getattr(estimate, name)
         finite = np.isfinite(part).reshape(steps, -1, runs).all(1)
         for r in np.flatnonzero(estimate.ok & ~finite.all(0)):
             step = int(np.argmin(finite[:, r])) + 1

@@ -12,7 +12,7 @@ from multiprocessing.connection import wait
 from threadpoolctl import threadpool_limits
 
 from suite.errors import BadInput
-from suite.plan import TIMING, TRUTH, WorkBlock
+from suite.plan import TIMING, TRUTH, WorkBlock, version
 from suite.record import Recorder, Report
 from suite.registry import Catalog
 from suite.work import compute, measure_time, simulated
@@ -47,6 +47,8 @@ def perform(context: Context, block: WorkBlock) -> Report:
     if block.kind == TRUTH:
         return write.truth(block, simulated(case, block.seed, block.first, block.count))
     estimator = write.catalog.estimators[str(block.estimator)]
+    if version(block.kind, write.catalog, case, estimator, block.seed) != block.version:
+        raise BadInput(f"the sources of {block.estimator} on {block.case} changed while it ran; repeat the command")
     if block.kind == TIMING:
         return write.timing(block, measure_time(case, estimator, block.seed))
     return write.estimate(block, compute(case, estimator, block.seed, block.first, block.count))

@@ -1,10 +1,9 @@
 """Filters of filterpy 2 (R. Labbe), one filter object a run."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from suite.estimator import Filter, Readout
 from suite.gaussian import additive
@@ -13,12 +12,15 @@ from suite.model import AdditiveSensor, StateSpaceModel, wrap
 from suite.parameters import parameter
 from suite.random import Generators
 
+if TYPE_CHECKING:
+    from filterpy.kalman import UnscentedKalmanFilter
+
 
 @dataclass(frozen=True)
 class FilterpyBelief:
     """One filterpy filter a run, and whether the last update used a measurement [R]."""
 
-    filters: tuple[UnscentedKalmanFilter, ...]
+    filters: "tuple[UnscentedKalmanFilter, ...]"
     updated: tuple[bool, ...]
 
 
@@ -36,6 +38,8 @@ class FilterpyUnscented(Filter):
         return additive(model)
 
     def init(self, model: StateSpaceModel, rng: Generators) -> FilterpyBelief:
+        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import, and seldom needed
+
         points = MerweScaledSigmaPoints(model.n, self.alpha, self.beta, self.kappa)
         filters = []
         for _ in range(rng.runs):
@@ -65,7 +69,7 @@ class FilterpyUnscented(Filter):
         return Readout(mean, cov, loglik)
 
 
-def _update(ukf: UnscentedKalmanFilter, sensor: AdditiveSensor, z: Array, k: int) -> None:
+def _update(ukf: "UnscentedKalmanFilter", sensor: AdditiveSensor, z: Array, k: int) -> None:
     """Update with the components of z[m] that were observed; filterpy knows a missing measurement only as a whole."""
     rows = np.flatnonzero(~np.isnan(z))
     if not len(rows):

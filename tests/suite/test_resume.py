@@ -9,7 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 SLOW = str(ROOT / "tests" / "plugins" / "slow.py")
-RUNS, KILLS = 60, 6
+RUNS, KILLS = 60, 10
 
 
 def command(results):

@@ -1,0 +1,111 @@
+"""The arguments of the command line, and what is wrong with them."""
+
+import argparse
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from typing import NoReturn
+
+from suite.errors import BadInput
+from suite.plan import PROFILES
+
+PATTERN = "glob pattern; give the option several times for several"
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options of a command line, its `command` among them. Raises BadInput."""
+    parser = _Parser(
+        prog="filterbench", description="Compare nonlinear Bayesian filters for target tracking.", allow_abbrev=False
+    )
+    parser.add_argument("--version", action="version", version=f"filterbench {version('filterbench')}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+    for name, words, add in (
+        ("list", "show what there is to run and to measure", _list),
+        ("run", "run estimators on cases and store what comes out", _run),
+        ("score", "compute metrics from stored results", _score),
+        ("report", "render stored results as a static HTML site", _report),
+    ):
+        add(commands.add_parser(name, help=words, description=words, allow_abbrev=False))
+    return parser.parse_args(arguments)
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, as all errors of this program."""
+
+    def error(self, message: str) -> NoReturn:
+        raise BadInput(f"{message}; see `{self.prog} --help`")
+
+
+def _list(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("kind", nargs="?", choices=("estimators", "cases", "metrics"), help="what to show (default: all)")
+    parser.add_argument("pattern", nargs="?", default="*", metavar="PATTERN", help="glob pattern")
+    _plugin(parser)
+
+
+def _run(parser: argparse.ArgumentParser) -> None:
+    quick, paper = PROFILES["quick"].runs, PROFILES["paper"].runs
+    _selection(parser)
+    _plugin(parser)
+    add = parser.add_argument
+    add("--profile", choices=tuple(PROFILES), default="quick", help=f"quick: {quick} runs a cell (default); paper: {paper}")
+    add("--runs", type=_integer(1), metavar="N", help="Monte Carlo runs of each cell (default: the profile's)")
+    add("--seed", type=_integer(0), default=1, metavar="S", help="seed of all random streams (default: 1)")
+    add("--jobs", type=_integer(1), default=1, metavar="J", help="worker processes (default: 1)")
+    add("--block", type=_integer(1), metavar="N", help="runs in a block of work (default: the profile's)")
+    add("--time-limit", type=_seconds, default=600.0, metavar="SECONDS", help="for one block of work (default: 600)")
+    add("--results", default="results", metavar="DIR", help="results folder (default: results)")
+    add("--retry-failed", action="store_true", help="run again the stored blocks in which something failed")
+    add("--dry-run", action="store_true", help="say what would run, and run nothing")
+
+
+def _score(parser: argparse.ArgumentParser) -> None:
+    _selection(parser)
+    _several(parser, "-m", "--metric", "metrics")
+    _stored(parser)
+    parser.add_argument("--format", choices=("table", "csv", "json"), default="table", help="how to print (default: table)")
+
+
+def _report(parser: argparse.ArgumentParser) -> None:
+    _stored(parser)
+    parser.add_argument("--out", default="site", metavar="DIR", help="folder of the site (default: site)")
+
+
+def _selection(parser: argparse.ArgumentParser) -> None:
+    _several(parser, "-e", "--estimator", "estimators")
+    _several(parser, "-c", "--case", "cases")
+
+
+def _several(parser: argparse.ArgumentParser, short: str, long: str, what: str) -> None:
+    parser.add_argument(short, long, action="extend", nargs="+", default=[], metavar="PATTERN", help=f"{what}, {PATTERN}")
+
+
+def _plugin(parser: argparse.ArgumentParser) -> None:
+    words = "Python file with more estimators or cases"
+    parser.add_argument("--plugin", action="append", default=[], metavar="FILE", help=words)
+
+
+def _stored(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--results", default="results", metavar="DIR", help="results folder (default: results)")
+    parser.add_argument("--seed", type=_integer(0), metavar="S", help="what was run with this seed (default: the newest)")
+
+
+def _integer(low: int) -> Callable[[str], int]:
+    def parse_integer(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"must be an integer of at least {low}, got {text!r}") from None
+        if value < low:
+            raise argparse.ArgumentTypeError(f"must be at least {low}, got {value}")
+        return value
+
+    return parse_integer
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a positive number of seconds, got {text!r}")
+    return value
