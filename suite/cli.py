@@ -174,7 +174,9 @@ def _load(options: argparse.Namespace) -> results.Results:
     loaded = results.load(options.results, list(cases.CASES), list(ESTIMATORS), options.seed)
     if not loaded.entries and not loaded.damages:
         which = "" if options.seed is None else f" with seed {options.seed}"
-        raise BadInput(f"no block{which} is finished yet in {options.results}; run `filterbench run --results {options.results}` first")
+        raise BadInput(
+            f"no block{which} is finished yet in {options.results}; run `filterbench run --results {options.results}` first"
+        )
     for damage in loaded.damages:
         _complain(f"left out {damage.path}: {damage.reason}; `filterbench run` sets it aside and recomputes it")
     return loaded

@@ -49,4 +49,6 @@ def print_scores(frame: Any) -> None:
             value = f"{r.value:.4g} {r.unit}" if r.value == r.value else "none"
             interval = f"[{r.low:.4g}, {r.high:.4g}]" if r.low == r.low else "one run" if r.runs == 1 else ""
             rows.append((r.estimator, f"{r.metric}:{r.block}", value, interval, f"{r.runs}/{r.total}", mark))
-        print_table(f"{case}, seed {group.seed.iloc[0]}", ("estimator", "metric", "value", "95 % interval", "runs", "standing"), rows)
+        print_table(
+            f"{case}, seed {group.seed.iloc[0]}", ("estimator", "metric", "value", "95 % interval", "runs", "standing"), rows
+        )
