@@ -132,9 +132,12 @@ def ground(track: Tracks, card: Card, marks: Mapping[str, Mark], name: str, titl
     truth = track.truth / factor
     low, high = frame(truth[:, seen], sites)
     width, height = high - low
+    # A panel of the same proportions as the ground, within reason; the ground is then widened to fill it.
+    panel = np.array([WIDTH - LEFT - RIGHT, np.clip((WIDTH - LEFT - RIGHT) * height / width, 1.8, 5.4)])
+    centre, half = (low + high) / 2, 0.5 * panel * ((high - low) / panel).max()
+    low, high = centre - half, centre + half
     with _drawing():
-        # A frame of the same proportions as the ground, within reason.
-        axes = _axes(WIDTH, float(np.clip((WIDTH - LEFT - RIGHT) * height / width, 1.8, 5.4)) + TOP + BOTTOM)
+        axes = _axes(WIDTH, float(panel[1]) + TOP + BOTTOM)
         for number, (label, place) in enumerate(track.estimates.items()):
             _track(axes, place / factor, marks[label], low, high, number / len(track.estimates))
         (line,) = axes.plot(*truth, color=svg.INK, lw=1.1, zorder=1.9)
@@ -146,7 +149,6 @@ def ground(track: Tracks, card: Card, marks: Mapping[str, Mark], name: str, titl
             axes.annotate(site[:40], at, (7, -4), textcoords="offset points", annotation_clip=True)
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
-        axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel(f"{card.state[card.plane[0]]} ({unit})"[:80])
         axes.set_ylabel(f"{card.state[card.plane[1]]} ({unit})"[:80])
         for axis in (axes.xaxis, axes.yaxis):
