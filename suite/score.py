@@ -12,7 +12,7 @@ import pandas
 from suite.linalg import Array
 from suite.metrics import Metric
 from suite.results import CaseResults, Cell, Results
-from suite.statistics import bca
+from suite.statistics import jackknife
 
 BEST, TIED = "best", "tied"
 ROUNDING = 1e-6
@@ -112,7 +112,7 @@ def _worse(metric: Metric, other: _Candidate, leader: _Candidate) -> bool:
     def difference(weights: Array) -> Array:
         return _loss(metric, metric.average(a)(weights)) - _loss(metric, metric.average(b)(weights))
 
-    _, low, _ = bca(difference, len(common))
+    _, low, _ = jackknife(difference, len(common))
     return bool(low[0] > ROUNDING * abs(leader.loss))
 
 

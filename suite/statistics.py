@@ -1,15 +1,13 @@
 """Intervals over Monte Carlo runs, for smooth functions of run averages."""
 
-import functools
 from collections.abc import Callable
 
 import numpy as np
-from scipy.special import betaincinv, ndtr, ndtri
+from scipy.special import betaincinv, stdtrit
 
 from suite.linalg import Array
 
 LEVEL = 0.95
-RESAMPLES = 2000
 
 Statistic = Callable[[Array], Array]
 """From weights of runs W[B, R], each row summing to R, to the statistics [S, B] of the runs so weighted."""
@@ -28,28 +26,51 @@ def weighted_mean(contributions: Array, weights: Array) -> Array:
     return np.where(endless, np.inf, mean)
 
 
-def bca(statistic: Statistic, runs: int, level: float = LEVEL) -> tuple[Array, Array, Array]:
-    """Value [S] of a statistic of independent runs, and its BCa bootstrap interval [S], [S] (Efron, 1987).
+def jackknife(statistic: Statistic, runs: int, level: float = LEVEL) -> tuple[Array, Array, Array]:
+    """Value [S] of a smooth statistic of independent runs, and its jackknife interval [S], [S] (Tukey, 1958).
 
-    The bootstrap resamples whole runs. All statistics of the same number of runs see the same resamples, so that
-    differences between estimators stay paired. With a single run there is no interval: NaN.
+    The interval is centred where infinitely many runs would put the statistic: the mean over time of a root over few runs
+    is too small, by more than its scatter when there are many steps. It has Student's t for its reach, and is widened to
+    hold the value itself. For a plain mean it is the t interval. With a single run there is no interval: NaN.
     """
+    value, left_out = _leave_one_out(statistic, runs)
+    return value, *_interval(value, left_out, level)
+
+
+def positive_jackknife(statistic: Statistic, runs: int, level: float = LEVEL) -> tuple[Array, Array, Array]:
+    """The jackknife on the scale of logarithms, for a statistic that is never negative: nor is its interval.
+
+    A statistic that is zero, or would be without some run, keeps the plain scale, cut at zero. An infinite one has an
+    interval from the smallest value that it would have without some run.
+    """
+    value, left_out = _leave_one_out(statistic, runs)
+    with np.errstate(all="ignore"):
+        low, high = (np.exp(end) for end in _interval(np.log(value), np.log(left_out), level))
+        plain_low, plain_high = _interval(value, left_out, level)
+    zero = (left_out == 0).any(1) | (value == 0)
+    low, high = np.where(zero, np.maximum(plain_low, 0.0), low), np.where(zero, plain_high, high)
+    endless = np.isposinf(value) & (runs > 1)
+    low = np.where(endless, left_out.min(1, initial=np.inf), np.minimum(low, value))
+    return value, low, np.where(endless, np.inf, np.maximum(high, value))
+
+
+def _leave_one_out(statistic: Statistic, runs: int) -> tuple[Array, Array]:
+    """The statistic of all runs [S], and of all but each one in turn [S, R] (none when there is a single run)."""
     with np.errstate(all="ignore"):
         value = statistic(np.ones((1, runs)))[:, 0]
-        if runs < 2:
-            return value, np.full_like(value, np.nan), np.full_like(value, np.nan)
-        replicates = np.sort(statistic(_resamples(runs)), axis=1)
-        jackknife = statistic(1.0 - np.eye(runs))
-        spread = jackknife.mean(1, keepdims=True) - jackknife
-        skewness = (spread**3).sum(1) / (6.0 * (spread**2).sum(1) ** 1.5)
-        below = (replicates < value[:, None]).mean(1) + 0.5 * (replicates == value[:, None]).mean(1)
-        bias = ndtri(np.clip(below, 0.5 / RESAMPLES, 1 - 0.5 / RESAMPLES))
-        z = ndtri(0.5 - level / 2)
-        low, high = (
-            _quantile(replicates, ndtr(bias + (bias + side) / (1.0 - np.nan_to_num(skewness) * (bias + side))))
-            for side in (z, -z)
-        )
-    return value, low, high
+        return value, statistic(1.0 - np.eye(runs)) if runs > 1 else np.empty((len(value), 0))
+
+
+def _interval(value: Array, left_out: Array, level: float) -> tuple[Array, Array]:
+    runs = left_out.shape[1]
+    if runs < 2:
+        return np.full_like(value, np.nan), np.full_like(value, np.nan)
+    with np.errstate(all="ignore"):
+        middle = left_out.mean(1)
+        centre = runs * value - (runs - 1) * middle
+        error = np.sqrt((runs - 1) / runs * ((left_out - middle[:, None]) ** 2).sum(1))
+        reach = stdtrit(runs - 1, 0.5 + level / 2) * error
+        return np.minimum(centre - reach, value), np.maximum(centre + reach, value)
 
 
 def proportion(count: int, total: int, level: float = LEVEL) -> tuple[float, float]:
@@ -60,21 +81,3 @@ def proportion(count: int, total: int, level: float = LEVEL) -> tuple[float, flo
     low = betaincinv(count, total - count + 1, tail) if count > 0 else 0.0
     high = betaincinv(count + 1, total - count, 1 - tail) if count < total else 1.0
     return float(low), float(high)
-
-
-@functools.lru_cache(maxsize=16)
-def _resamples(runs: int) -> Array:
-    """Weights [B, R] of the bootstrap resamples of a number of runs, the same at every call."""
-    rng = np.random.Generator(np.random.SFC64(runs))
-    return rng.multinomial(runs, np.full(runs, 1 / runs), size=RESAMPLES).astype(float)
-
-
-def _quantile(ordered: Array, probability: Array) -> Array:
-    """Quantiles of each row of ordered[S, B] at its own probability [S]."""
-    place = np.clip(probability, 0, 1) * (ordered.shape[1] - 1)
-    lower = np.floor(place).astype(np.intp)
-    upper = np.minimum(lower + 1, ordered.shape[1] - 1)
-    rows = np.arange(len(ordered))
-    share = place - lower
-    between = ordered[rows, lower] * (1 - share) + ordered[rows, upper] * share
-    return np.asarray(np.where(share > 0, between, ordered[rows, lower]))  # zero times infinity is no number

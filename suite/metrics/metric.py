@@ -8,7 +8,7 @@ import numpy as np
 from suite.case import Card, Truth
 from suite.estimator import LOST, OK, Estimate
 from suite.linalg import Array
-from suite.statistics import Statistic, bca, proportion, weighted_mean
+from suite.statistics import Statistic, positive_jackknife, proportion, weighted_mean
 
 Contributions = dict[str, Array]
 """Contributions [T, R] of each run at each step (or [1, R]), by state block or by a name such as 'state'."""
@@ -36,7 +36,8 @@ class Metric:
 
     unit: the unit, or 'block' for the unit of the state block. better: 'lower', 'higher', or the value to be hit.
     formula: LaTeX. timed: whether it looks at running times, measured apart, rather than at errors.
-    fn(case, truth, estimate) gives the contributions of all runs; runs that failed are left out afterwards.
+    Values are never negative. fn(case, truth, estimate) gives the contributions of all runs; runs that failed are left out
+    afterwards.
     """
 
     name: str
@@ -81,7 +82,7 @@ class Metric:
         if self.binomial:
             count = int(contributions.sum())
             return Score(count / runs, *proportion(count, runs), unit, runs, total)
-        value, low, high = bca(self.average(contributions), runs)
+        value, low, high = positive_jackknife(self.average(contributions), runs)
         return Score(float(value[0]), float(low[0]), float(high[0]), unit, runs, total)
 
     def average(self, contributions: Array) -> Statistic:
@@ -94,4 +95,4 @@ class Metric:
 
     def over_time(self, contributions: Array) -> tuple[Array, Array, Array]:
         """The metric at each step, with its interval: [T], [T], [T]."""
-        return bca(lambda weights: self.link(weighted_mean(contributions, weights)), contributions.shape[1])
+        return positive_jackknife(lambda weights: self.link(weighted_mean(contributions, weights)), contributions.shape[1])
