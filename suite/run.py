@@ -14,6 +14,7 @@ from pebble import ProcessExpired, ProcessPool
 from suite.errors import BadInput, one_line
 from suite.plan import REFUSAL, TIMING, Plan, WorkBlock
 from suite.record import Report
+from suite.work import FAULTS
 from suite.worker import Context, perform, recorder, start
 
 
@@ -104,6 +105,6 @@ def _report(future: "Future[Report]", block: WorkBlock, context: Context, time_l
     except ProcessExpired as error:
         hint = "; perhaps it ran out of memory" if error.exitcode == -signal.SIGKILL else ""
         reason = f"the worker process died (exit code {error.exitcode}){hint}"
-    except (Exception, SystemExit) as error:
+    except FAULTS as error:
         reason = one_line(error)
     return recorder(context).failure(block, reason)

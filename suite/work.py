@@ -5,6 +5,7 @@ import time
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from suite.estimator import FAILED, LOST, OK, Estimate, Estimator, join, unavail
 from suite.linalg import Array
 from suite.random import Streams
 
+FAULTS = (Exception, SystemExit, GeneratorExit)
+"""What an estimator may raise and be charged with: all but an interrupt, which is the user's."""
 TIMED_STEPS, TIMED_RUNS, REPEATS = 50, 20, 5
 
 
@@ -49,7 +52,7 @@ def _attempt(case: Case, estimator: Estimator, y: Array, streams: Streams) -> Do
         begin = time.perf_counter()
         estimate = estimator.run(case.model, y.copy(), streams)
         return Done(examined(estimate, case, runs, time.perf_counter() - begin))
-    except Exception as error:
+    except FAULTS as error:
         if runs == 1:
             return Done(_failed(case, 1, _reason(error)), (traceback.format_exc(),))
     alone = [_attempt(case, estimator, y[:, :, r : r + 1], Streams(streams.key, streams.first + r)) for r in range(runs)]
@@ -57,7 +60,7 @@ def _attempt(case: Case, estimator: Estimator, y: Array, streams: Streams) -> Do
     return Done(join(_alike([done.estimate for done in alone])), tuple(tracebacks)[:5])
 
 
-def _reason(error: Exception) -> str:
+def _reason(error: BaseException) -> str:
     """The reason in the words of the estimator's error; a step's failure already names its cause."""
     return str(error) if type(error).__name__ == "StepError" else one_line(error)
 
@@ -103,18 +106,27 @@ def examined(estimate: object, case: Case, runs: int, elapsed: float) -> Estimat
         part = getattr(estimate, name)
         if part is not None and np.shape(part) != shape:
             raise ValueError(f"{name} has shape {np.shape(part)}, expected {shape}")
+        if np.iscomplexobj(part):
+            raise TypeError(f"{name} is complex, expected real numbers")
         if part is not None and len(shape) > 1:
             setattr(estimate, name, np.asarray(part, float))
     unknown = set(estimate.status) - {OK, LOST, FAILED}
     if unknown:
         raise ValueError(f"status must be one of {OK}, {LOST}, {FAILED}, got {sorted(map(str, unknown))}")
-    for name in ("mean", "cov"):
-        part = getattr(estimate, name)
-        finite = np.isfinite(part).reshape(steps, -1, runs).all(1)
-        for r in np.flatnonzero(estimate.ok & ~finite.all(0)):
-            step = int(np.argmin(finite[:, r])) + 1
+    estimate.reason = [str(reason) for reason in estimate.reason]
+    mean, cov = estimate.mean, estimate.cov
+    with np.errstate(all="ignore"):  # of numbers that are not finite
+        skew = np.abs(cov - np.swapaxes(cov, 1, 2)).max((1, 2))
+    faults: dict[str, Any] = {
+        "mean is not finite": ~np.isfinite(mean).all(1),
+        "cov is not finite": ~np.isfinite(cov).all((1, 2)),
+        "cov is not symmetric": skew > 1e-6 * np.abs(cov).max((1, 2)),
+    }
+    for what, faulty in faults.items():
+        for r in np.flatnonzero(estimate.ok & faulty.any(0)):
+            step = int(np.argmax(faulty[:, r])) + 1
             estimate.status[r] = FAILED  # type: ignore[index]
-            estimate.reason[r] = f"step {step}: {name} is not finite"  # type: ignore[index]
+            estimate.reason[r] = f"step {step}: {what}"
     return estimate
 
 
@@ -138,7 +150,7 @@ def measure_time(case: Case, estimator: Estimator, seed: int) -> Timing:
         estimator.run(case.model, y[:5, :, :1].copy(), seed)
         columns = [_timed_call(case, estimator, y[:, :, r : r + 1], seed + r) for r in range(REPEATS)]
         columns += [_timed_call(case, estimator, y, seed + r) for r in range(REPEATS)]
-    except Exception as error:
+    except FAULTS as error:
         return Timing(np.full((1, 1), np.nan), (1,), FAILED, _reason(error))
     return Timing(np.stack(columns, axis=1), (1,) * REPEATS + (TIMED_RUNS,) * REPEATS)
 
