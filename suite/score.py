@@ -113,16 +113,22 @@ def _worse(metric: Metric, other: _Candidate, leader: _Candidate) -> bool:
         return _loss(metric, metric.average(a)(weights)) - _loss(metric, metric.average(b)(weights))
 
     _, low, _ = jackknife(difference, len(common))
-    return bool(low[0] > ROUNDING * abs(leader.loss))
+    return bool(low[0] > ROUNDING) if np.isfinite(leader.loss) else other.loss > leader.loss  # an error of exactly zero
 
 
 def _loss(metric: Metric, value: Array) -> Array:
-    """Smaller is better: the value itself, its negative, or how many times it misses its target."""
-    if metric.better == "lower":
+    """Smaller is better: the logarithm of the value, its negative, or how many times it misses its target.
+
+    Ratios, not differences: an average over runs that are wild now and then, or over a few timed calls, is skew. A rate
+    may be zero and stays as it is.
+    """
+    if metric.binomial:
         return value
-    if metric.better == "higher":
-        return -value
-    with np.errstate(divide="ignore"):  # a value of zero misses its target infinitely often
+    with np.errstate(divide="ignore"):
+        if metric.better == "lower":
+            return np.log(value)
+        if metric.better == "higher":
+            return -np.log(value)
         return np.abs(np.log(value / float(metric.better)))
 
 
