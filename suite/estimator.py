@@ -63,6 +63,16 @@ def join(parts: Sequence[Estimate]) -> Estimate:
     return parts[0] if len(parts) == 1 else Estimate(**{f.name: merge(f.name) for f in fields(Estimate)})
 
 
+def alike(parts: Sequence[Estimate]) -> Sequence[Estimate]:
+    """The same estimates, each given the optional parts that any of them has, as NaN, so that none is lost in `join`."""
+    for name in ("loglik", "ess", "innovation", "seconds"):
+        known = next((getattr(part, name) for part in parts if getattr(part, name) is not None), None)
+        for part in parts:
+            if known is not None and getattr(part, name) is None:
+                setattr(part, name, np.full((*known.shape[:-1], len(part.status)), np.nan))
+    return parts
+
+
 def unavailable(steps: int, n: int, runs: int, status: str, reason: str) -> Estimate:
     """An estimate that holds nothing but the reason why there is none."""
     return Estimate(

@@ -10,7 +10,7 @@ import numpy as np
 
 from suite.case import Card, Truth
 from suite.errors import BadInput
-from suite.estimator import Estimate, join
+from suite.estimator import Estimate, alike, join
 from suite.linalg import Array
 from suite.metrics import Metric, Score
 from suite.metrics.metric import Contributions
@@ -242,13 +242,7 @@ def _pick(blocks: list[Estimate], runs: list[list[int]], wanted: list[int]) -> E
     """The estimates of the wanted runs, in that order, from blocks that may overlap (their numbers are the same)."""
     if not blocks:
         raise BadInput("no run of this cell is stored")
-    for name in ("loglik", "ess", "innovation", "seconds"):  # a failed block lacks what its neighbours have
-        if any(getattr(b, name) is None for b in blocks):
-            shape = next((np.shape(getattr(b, name))[:-1] for b in blocks if getattr(b, name) is not None), None)
-            for block in blocks:
-                if shape is not None and getattr(block, name) is None:
-                    setattr(block, name, np.full((*shape, block.mean.shape[-1]), np.nan))
-    whole = join(blocks)
+    whole = join(alike(blocks))  # a failed block lacks what its neighbours have
     place = {run: i for i, run in enumerate([r for block in runs for r in block])}
     index = [place[r] for r in wanted]
     parts: dict[str, Any] = {}

@@ -3,7 +3,6 @@
 import functools
 import time
 import traceback
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from suite import parameters
 from suite.case import Case, Truth
 from suite.errors import one_line
-from suite.estimator import FAILED, LOST, OK, Estimate, Estimator, join, unavailable
+from suite.estimator import FAILED, LOST, OK, Estimate, Estimator, StepError, alike, join, unavailable
 from suite.linalg import Array
 from suite.random import Streams
 
@@ -57,28 +56,18 @@ def _attempt(case: Case, estimator: Estimator, y: Array, streams: Streams) -> Do
             return Done(_failed(case, 1, _reason(error)), (traceback.format_exc(),))
     alone = [_attempt(case, estimator, y[:, :, r : r + 1], Streams(streams.key, streams.first + r)) for r in range(runs)]
     tracebacks = dict.fromkeys(text for done in alone for text in done.tracebacks)
-    return Done(join(_alike([done.estimate for done in alone])), tuple(tracebacks)[:5])
+    return Done(join(alike([done.estimate for done in alone])), tuple(tracebacks)[:5])
 
 
 def _reason(error: BaseException) -> str:
     """The reason in the words of the estimator's error; a step's failure already names its cause."""
-    return str(error) if type(error).__name__ == "StepError" else one_line(error)
+    return str(error) if isinstance(error, StepError) else one_line(error)
 
 
 def _failed(case: Case, runs: int, reason: str) -> Estimate:
     estimate = unavailable(case.steps, case.model.n, runs, FAILED, reason)
     estimate.seconds = np.full((case.steps, runs), np.nan)
     return estimate
-
-
-def _alike(estimates: Sequence[Estimate]) -> Sequence[Estimate]:
-    """Give every estimate the optional parts that any of them has, as NaN where it has none, so that they can join."""
-    for name in ("loglik", "ess", "innovation"):
-        found = next((getattr(e, name) for e in estimates if getattr(e, name) is not None), None)
-        for e in estimates:
-            if found is not None and getattr(e, name) is None:
-                setattr(e, name, np.full_like(found, np.nan))
-    return estimates
 
 
 def examined(estimate: object, case: Case, runs: int, elapsed: float) -> Estimate:
