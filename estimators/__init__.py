@@ -1,6 +1,6 @@
 """The estimators of filterbench, in report order; one file a method, `peers/` for other libraries' filters."""
 
-from estimators import bootstrap, kalman, ukf
+from estimators import auxiliary, bootstrap, guided, isir, kalman, regularized, resample_move, sir, sis, ukf
 from estimators.peers import filterpy
 from suite.estimator import Estimator
 from suite.registry import Registry
@@ -11,6 +11,13 @@ ESTIMATORS: Registry[Estimator] = Registry(
         *kalman.ESTIMATORS,
         *ukf.ESTIMATORS,
         *filterpy.ESTIMATORS,
+        *sis.ESTIMATORS,
         *bootstrap.ESTIMATORS,
+        *sir.ESTIMATORS,
+        *auxiliary.ESTIMATORS,
+        *regularized.ESTIMATORS,
+        *guided.ESTIMATORS,
+        *isir.ESTIMATORS,
+        *resample_move.ESTIMATORS,
     ),
 )

@@ -3,23 +3,19 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
+from suite import particles
 from suite.estimator import Filter, Readout
 from suite.linalg import Array
 from suite.model import StateSpaceModel
 from suite.parameters import parameter
-from suite.particles import Particles, normalise
+from suite.particles import Particles
 from suite.random import Generators
-from suite.resampling import select, systematic
-
-CACHE = 16_384
-"""Particles of all runs carried together: their arrays stay in the processor's cache."""
+from suite.resampling import SCHEMES
 
 
 @dataclass(frozen=True)
 class Bootstrap(Filter):
-    """Bootstrap particle filter with systematic resampling at every step."""
+    """Bootstrap particle filter: resampling at every step."""
 
     name: ClassVar[str] = "bootstrap"
     reference: ClassVar[str] = (
@@ -27,24 +23,22 @@ class Bootstrap(Filter):
         "estimation, IEE Proceedings F 140(2), 1993, 107-113"
     )
     particles: int = parameter(1000, "number of particles", low=1, high=10_000_000)
+    resampling: str = parameter("systematic", "resampling scheme", choices=tuple(SCHEMES))
 
     def runs_at_once(self, model: StateSpaceModel) -> int:
-        return max(1, CACHE // self.particles)
+        return particles.runs_at_once(self.particles)
 
     def init(self, model: StateSpaceModel, rng: Generators) -> Particles:
-        shape = (rng.runs, self.particles)
-        return Particles(model.prior.sample(rng, shape), np.full(shape, 1 / self.particles), np.zeros(rng.runs))
+        return particles.drawn(model.prior, rng, self.particles)
 
     def step(self, model: StateSpaceModel, belief: Particles, y: Array, k: int, rng: Generators) -> Particles:
-        # The estimate is read before resampling, so resampling opens the next step; the prior's draws need none.
-        x = select(belief.x, systematic(belief.weights, rng)) if k > 1 else belief.x
-        x = model.dynamics.sample(rng, x, k)
-        weights, total = normalise(model.sensor.logpdf(y, x, k))
-        return Particles(x, weights, total - np.log(self.particles))
+        # The estimate is read before resampling, so resampling opens the next step.
+        start = particles.resample(belief, SCHEMES[self.resampling], 1.0, rng)
+        x = model.dynamics.sample(rng, start.x, k)
+        return particles.weighted(x, start.logw + model.sensor.logpdf(y, x, k), start.parents)
 
     def read(self, belief: Particles) -> Readout:
-        mean, cov = belief.moments()
-        return Readout(mean, cov, belief.loglik, belief.ess)
+        return belief.read()
 
 
 ESTIMATORS = (Bootstrap(),)

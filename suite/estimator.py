@@ -15,6 +15,8 @@ from suite.model import StateSpaceModel
 from suite.random import Generators, Streams
 
 OK, LOST, FAILED = "ok", "lost", "failed"
+TRACES = ("loglik", "ess", "ancestors", "acceptance")
+"""The optional parts of an estimate that are one number a step and run."""
 
 
 @dataclass
@@ -22,8 +24,9 @@ class Estimate:
     """What an estimator returns for measurements y[T, m, R]; the optional parts are None where it has none.
 
     mean[T, n, R] and cov[T, n, n, R] of x_k given y_1..y_k; loglik[T, R], log p(y_k | y_1..y_{k-1}); ess[T, R],
-    effective sample size; innovation[T, m, R], measurement minus its prediction, whitened by its covariance;
-    status[R], one of ok, lost, failed, with reason[R]; seconds[T, R], time of a step divided by the runs computed
+    effective sample size; ancestors[T, R], particles of the step before with offspring; acceptance[T, R], share of
+    particles moved, NaN where no move was tried; innovation[T, m, R], measurement minus its prediction, whitened by its
+    covariance; status[R], one of ok, lost, failed, with reason[R]; seconds[T, R], time of a step divided by the runs computed
     together, and batch[R], how many these were.
     """
 
@@ -31,6 +34,8 @@ class Estimate:
     cov: Array
     loglik: Array | None = None
     ess: Array | None = None
+    ancestors: Array | None = None
+    acceptance: Array | None = None
     innovation: Array | None = None
     status: Sequence[str] = ()
     reason: Sequence[str] = ()
@@ -65,7 +70,7 @@ def join(parts: Sequence[Estimate]) -> Estimate:
 
 def alike(parts: Sequence[Estimate]) -> Sequence[Estimate]:
     """The same estimates, each given the optional parts that any of them has, as NaN, so that none is lost in `join`."""
-    for name in ("loglik", "ess", "innovation", "seconds"):
+    for name in (*TRACES, "innovation", "seconds"):
         known = next((getattr(part, name) for part in parts if getattr(part, name) is not None), None)
         for part in parts:
             if known is not None and getattr(part, name) is None:
@@ -106,6 +111,8 @@ class Readout:
     cov: Array
     loglik: Array | None = None
     ess: Array | None = None
+    ancestors: Array | None = None
+    acceptance: Array | None = None
     innovation: Array | None = None
 
 
@@ -188,7 +195,7 @@ def _bury(out: Estimate, alive: Any, now: Readout, k: int) -> Any:
 def _write(out: Estimate, now: Readout, row: int, alive: Any) -> None:
     """Store one step's readout; a lost run keeps NaN from its last step on."""
     steps = len(out.mean)
-    for name in ("mean", "cov", "loglik", "ess", "innovation"):
+    for name in ("mean", "cov", *TRACES, "innovation"):
         value = getattr(now, name)
         if value is None:
             continue

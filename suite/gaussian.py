@@ -32,7 +32,7 @@ class GaussianBelief:
 
     def read(self) -> Readout:
         """The belief as a readout, components first."""
-        return Readout(self.mean.T, np.moveaxis(self.cov, 0, -1), self.loglik, None, self.innovation)
+        return Readout(self.mean.T, np.moveaxis(self.cov, 0, -1), self.loglik, innovation=self.innovation)
 
 
 def prior(model: StateSpaceModel, runs: int) -> GaussianBelief:

@@ -92,10 +92,14 @@ class AdditiveTransition:
         """Derivative of the mean with respect to x[n, ...]: [n, n, ...]."""
         return _jacobian(self.mean, self.jacobian_of_mean, x, k)
 
+    def disturbance(self, rng: Generators, shape: tuple[int, ...], k: int) -> Array:
+        """Draws of G w_k [n, *shape]; shape[0] is the number of runs."""
+        noise = self.noise_at(k).sample(rng, shape)
+        return noise if self.gain is None else apply(self.gain, noise)
+
     def sample(self, rng: Generators, x: Array, k: int) -> Array:
         """Draws of x_k [n, R, ...] given x_{k-1} = x[n, R, ...]."""
-        noise = self.noise_at(k).sample(rng, x.shape[1:])
-        return self.mean(x, k) + (noise if self.gain is None else apply(self.gain, noise))
+        return self.mean(x, k) + self.disturbance(rng, x.shape[1:], k)
 
     def logpdf(self, z: Array, x: Array, k: int) -> Array:
         """Log-density of x_k = z given x_{k-1} = x; raises ValueError when noise enters through a gain."""

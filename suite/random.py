@@ -25,6 +25,10 @@ class Generators:
         """Number of runs in the batch."""
         return len(self.generators)
 
+    def of(self, runs: "Sequence[int] | np.ndarray[tuple[int], np.dtype[np.intp]]") -> "Generators":
+        """The generators of some of the runs, by their place in the batch; those of the others stay where they are."""
+        return Generators([self.generators[r] for r in runs])
+
     def _fill(self, shape: tuple[int, ...], fill: Fill) -> Array:
         components, runs, *rest = shape
         if runs != self.runs:
@@ -41,6 +45,10 @@ class Generators:
     def random(self, shape: tuple[int, ...]) -> Array:
         """Uniform numbers in [0, 1) of shape [components, runs, ...]."""
         return self._fill(shape, lambda g, out: g.random(out=out))
+
+    def standard_exponential(self, shape: tuple[int, ...]) -> Array:
+        """Exponential numbers with mean 1, of shape [components, runs, ...]."""
+        return self._fill(shape, lambda g, out: g.standard_exponential(out=out))
 
     def standard_gamma(self, alpha: float, shape: tuple[int, ...]) -> Array:
         """Gamma numbers with shape parameter `alpha` and scale 1, of shape [components, runs, ...]."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from suite import parameters, provenance
 from suite.case import Truth
-from suite.estimator import FAILED, OK, unavailable
+from suite.estimator import FAILED, OK, TRACES, unavailable
 from suite.linalg import Array
 from suite.plan import TIMING, TRUTH, WorkBlock
 from suite.registry import Catalog
@@ -53,7 +53,7 @@ class Recorder:
             "status": texts(estimate.status, steps),
             "reason": texts(estimate.reason, steps),
         }
-        for name in ("loglik", "ess", "seconds"):
+        for name in (*TRACES, "seconds"):
             value = getattr(estimate, name)
             columns[name] = None if value is None else np.ascontiguousarray(value.T).ravel()
         bad = [reason for status, reason in zip(estimate.status, estimate.reason, strict=True) if status != OK]

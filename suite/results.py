@@ -208,7 +208,7 @@ def _steps(rows: Array, runs: int) -> Array:
 
 
 def _read_estimate(entry: Entry, card: Card) -> Estimate:
-    names = ["mean", "cov", "loglik", "ess", "innovation", "seconds", "batch", "status", "reason"]
+    names = ["mean", "cov", *TRACES, "innovation", "seconds", "batch", "status", "reason"]
     columns = read(entry.path, names)
     runs, n = entry.meta["count"], len(card.state)
     lower = _steps(columns["cov"], runs)
@@ -217,7 +217,7 @@ def _read_estimate(entry: Entry, card: Card) -> Estimate:
     cov[:, rows, cols] = lower
     cov[:, cols, rows] = lower
     parts: dict[str, Any] = {name: list(columns[name][:: card.steps]) for name in ("batch", "status", "reason")}
-    for name in ("loglik", "ess", "seconds"):
+    for name in (*TRACES, "seconds"):
         parts[name] = None if columns[name] is None else columns[name].reshape(runs, -1).T
     parts["innovation"] = None if columns["innovation"] is None else _steps(columns["innovation"], runs)
     return Estimate(_steps(columns["mean"], runs), cov, **parts)
@@ -246,7 +246,7 @@ def _pick(blocks: list[Estimate], runs: list[list[int]], wanted: list[int]) -> E
     place = {run: i for i, run in enumerate([r for block in runs for r in block])}
     index = [place[r] for r in wanted]
     parts: dict[str, Any] = {}
-    for name in ("mean", "cov", "loglik", "ess", "innovation", "seconds"):
+    for name in ("mean", "cov", *TRACES, "innovation", "seconds"):
         value = getattr(whole, name)
         parts[name] = None if value is None else value[..., index]
     for name in ("status", "reason", "batch"):

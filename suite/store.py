@@ -43,6 +43,8 @@ SCHEMA = pa.schema(
         "cov": _VECTOR,
         "loglik": pa.float64(),
         "ess": pa.float64(),
+        "ancestors": pa.float64(),
+        "acceptance": pa.float64(),
         "innovation": _VECTOR,
         "seconds": pa.float64(),
         "batch": pa.int32(),

@@ -11,7 +11,7 @@ import numpy as np
 from suite import parameters
 from suite.case import Case, Truth
 from suite.errors import one_line
-from suite.estimator import FAILED, LOST, OK, Estimate, Estimator, StepError, alike, join, unavailable
+from suite.estimator import FAILED, LOST, OK, TRACES, Estimate, Estimator, StepError, alike, join, unavailable
 from suite.linalg import Array
 from suite.random import Streams
 
@@ -81,8 +81,7 @@ def examined(estimate: object, case: Case, runs: int, elapsed: float) -> Estimat
     shapes = {
         "mean": (steps, n, runs),
         "cov": (steps, n, n, runs),
-        "loglik": (steps, runs),
-        "ess": (steps, runs),
+        **dict.fromkeys(TRACES, (steps, runs)),
         "innovation": (steps, m, runs),
         "seconds": (steps, runs),
         "status": (runs,),

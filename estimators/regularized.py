@@ -1,0 +1,66 @@
+"""The regularized particle filter: after resampling, draw from a kernel density instead of repeating particles."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from suite import particles
+from suite.estimator import Filter, Readout
+from suite.kernel import bandwidth, epanechnikov
+from suite.linalg import Array, square_root
+from suite.model import StateSpaceModel
+from suite.parameters import parameter
+from suite.particles import Particles
+from suite.random import Generators
+from suite.resampling import SCHEMES
+
+
+@dataclass(frozen=True)
+class Regularized(Filter):
+    """Post-regularised particle filter: Epanechnikov kernel of optimal bandwidth in whitened coordinates."""
+
+    name: ClassVar[str] = "regularized"
+    reference: ClassVar[str] = (
+        "C. Musso, N. Oudjane, F. Le Gland, Improving regularised particle filters, in A. Doucet, N. de Freitas, "
+        "N. Gordon (eds.), Sequential Monte Carlo Methods in Practice, Springer, 2001, 247-271"
+    )
+    particles: int = parameter(1000, "number of particles", low=1, high=10_000_000)
+    threshold: float = parameter(0.5, "resample below this share of effective particles", low=0, high=1)
+    shrink: bool = parameter(False, "draw particles towards their mean first, so that the kernel leaves the covariance alone")
+    resampling: str = parameter("systematic", "resampling scheme", choices=tuple(SCHEMES))
+
+    def runs_at_once(self, model: StateSpaceModel) -> int:
+        return particles.runs_at_once(self.particles)
+
+    def init(self, model: StateSpaceModel, rng: Generators) -> Particles:
+        return particles.drawn(model.prior, rng, self.particles)
+
+    def step(self, model: StateSpaceModel, belief: Particles, y: Array, k: int, rng: Generators) -> Particles:
+        start = particles.resample(belief, SCHEMES[self.resampling], self.threshold, rng)
+        origins = self.regularised(belief, start.x, start.runs, rng)
+        x = model.dynamics.sample(rng, origins, k)
+        return particles.weighted(x, start.logw + model.sensor.logpdf(y, x, k), start.parents)
+
+    def regularised(self, belief: Particles, x: Array, runs: Array, rng: Generators) -> Array:
+        """Resampled particles x[n, R, N] of the given runs, moved by the kernel; `belief` tells their spread."""
+        if not len(runs):
+            return x
+        n, _, count = x.shape
+        mean, cov = belief.moments()
+        h = bandwidth(n, count)
+        root = h * square_root(np.ascontiguousarray(np.moveaxis(cov, -1, 0)[runs]))
+        moves = np.moveaxis(root @ np.moveaxis(epanechnikov(rng.of(runs), n, count), 1, 0), 0, 1)
+        moved = x.copy()
+        if self.shrink:  # kernel covariance h² S / (n + 4)
+            centre = mean[:, runs, None]
+            moved[:, runs] = centre + np.sqrt(1 - h * h / (n + 4)) * (x[:, runs] - centre) + moves
+        else:
+            moved[:, runs] += moves
+        return moved
+
+    def read(self, belief: Particles) -> Readout:
+        return belief.read()
+
+
+ESTIMATORS = (Regularized(),)
