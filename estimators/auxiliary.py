@@ -6,17 +6,17 @@ from typing import ClassVar
 import numpy as np
 
 from suite import particles
-from suite.estimator import Filter, Readout
 from suite.linalg import Array
 from suite.model import AdditiveTransition, StateSpaceModel
 from suite.parameters import parameter
+from suite.particle_filter import ParticleFilter
 from suite.particles import Particles
 from suite.random import Generators
 from suite.resampling import SCHEMES, select
 
 
 @dataclass(frozen=True)
-class Auxiliary(Filter):
+class Auxiliary(ParticleFilter):
     """Auxiliary particle filter: parents chosen by the likelihood of a point drawn from, or typical of, their transition."""
 
     name: ClassVar[str] = "auxiliary"
@@ -24,7 +24,6 @@ class Auxiliary(Filter):
         "M. K. Pitt, N. Shephard, Filtering via simulation: auxiliary particle filters, Journal of the American "
         "Statistical Association 94(446), 1999, 590-599"
     )
-    particles: int = parameter(1000, "number of particles", low=1, high=10_000_000)
     look: str = parameter("sample", "point that stands for a particle's future", choices=("sample", "mean"))
     resampling: str = parameter("systematic", "resampling scheme", choices=tuple(SCHEMES))
 
@@ -32,12 +31,6 @@ class Auxiliary(Filter):
         if self.look == "mean" and not isinstance(model.dynamics, AdditiveTransition):
             return "its transition has no mean to look ahead with"
         return None
-
-    def runs_at_once(self, model: StateSpaceModel) -> int:
-        return particles.runs_at_once(self.particles)
-
-    def init(self, model: StateSpaceModel, rng: Generators) -> Particles:
-        return particles.drawn(model.prior, rng, self.particles)
 
     def step(self, model: StateSpaceModel, belief: Particles, y: Array, k: int, rng: Generators) -> Particles:
         dynamics, sensor = model.dynamics, model.sensor
@@ -48,9 +41,6 @@ class Auxiliary(Filter):
         x = dynamics.sample(rng, select(belief.x, parents), k)
         second = sensor.logpdf(y, x, k) - select(preview[None], parents)[0]
         return particles.weighted(x, second + (first.loglik - np.log(self.particles))[:, None], parents)
-
-    def read(self, belief: Particles) -> Readout:
-        return belief.read()
 
 
 ESTIMATORS = (Auxiliary(),)

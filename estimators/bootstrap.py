@@ -4,17 +4,18 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from suite import particles
-from suite.estimator import Filter, Readout
 from suite.linalg import Array
 from suite.model import StateSpaceModel
 from suite.parameters import parameter
+from suite.particle_filter import ParticleFilter
 from suite.particles import Particles
+from suite.proposal import from_transition
 from suite.random import Generators
 from suite.resampling import SCHEMES
 
 
 @dataclass(frozen=True)
-class Bootstrap(Filter):
+class Bootstrap(ParticleFilter):
     """Bootstrap particle filter: resampling at every step."""
 
     name: ClassVar[str] = "bootstrap"
@@ -22,23 +23,13 @@ class Bootstrap(Filter):
         "N. J. Gordon, D. J. Salmond, A. F. M. Smith, Novel approach to nonlinear/non-Gaussian Bayesian state "
         "estimation, IEE Proceedings F 140(2), 1993, 107-113"
     )
-    particles: int = parameter(1000, "number of particles", low=1, high=10_000_000)
     resampling: str = parameter("systematic", "resampling scheme", choices=tuple(SCHEMES))
-
-    def runs_at_once(self, model: StateSpaceModel) -> int:
-        return particles.runs_at_once(self.particles)
-
-    def init(self, model: StateSpaceModel, rng: Generators) -> Particles:
-        return particles.drawn(model.prior, rng, self.particles)
 
     def step(self, model: StateSpaceModel, belief: Particles, y: Array, k: int, rng: Generators) -> Particles:
         # The estimate is read before resampling, so resampling opens the next step.
         start = particles.resample(belief, SCHEMES[self.resampling], 1.0, rng)
-        x = model.dynamics.sample(rng, start.x, k)
-        return particles.weighted(x, start.logw + model.sensor.logpdf(y, x, k), start.parents)
-
-    def read(self, belief: Particles) -> Readout:
-        return belief.read()
+        x, fit, evidence = particles.blockwise(lambda part: from_transition(model, part, y, k, rng), start.x)
+        return particles.weighted(x, start.logw + fit + evidence, start.parents)
 
 
 ESTIMATORS = (Bootstrap(),)

@@ -6,18 +6,18 @@ from typing import ClassVar
 import numpy as np
 
 from suite import particles
-from suite.estimator import Filter, Readout
 from suite.kernel import bandwidth, epanechnikov
 from suite.linalg import Array, square_root
 from suite.model import StateSpaceModel
 from suite.parameters import parameter
+from suite.particle_filter import ParticleFilter
 from suite.particles import Particles
 from suite.random import Generators
 from suite.resampling import SCHEMES
 
 
 @dataclass(frozen=True)
-class Regularized(Filter):
+class Regularized(ParticleFilter):
     """Post-regularised particle filter: Epanechnikov kernel of optimal bandwidth in whitened coordinates."""
 
     name: ClassVar[str] = "regularized"
@@ -25,16 +25,9 @@ class Regularized(Filter):
         "C. Musso, N. Oudjane, F. Le Gland, Improving regularised particle filters, in A. Doucet, N. de Freitas, "
         "N. Gordon (eds.), Sequential Monte Carlo Methods in Practice, Springer, 2001, 247-271"
     )
-    particles: int = parameter(1000, "number of particles", low=1, high=10_000_000)
     threshold: float = parameter(0.5, "resample below this share of effective particles", low=0, high=1)
     shrink: bool = parameter(False, "draw particles towards their mean first, so that the kernel leaves the covariance alone")
     resampling: str = parameter("systematic", "resampling scheme", choices=tuple(SCHEMES))
-
-    def runs_at_once(self, model: StateSpaceModel) -> int:
-        return particles.runs_at_once(self.particles)
-
-    def init(self, model: StateSpaceModel, rng: Generators) -> Particles:
-        return particles.drawn(model.prior, rng, self.particles)
 
     def step(self, model: StateSpaceModel, belief: Particles, y: Array, k: int, rng: Generators) -> Particles:
         start = particles.resample(belief, SCHEMES[self.resampling], self.threshold, rng)
@@ -47,7 +40,7 @@ class Regularized(Filter):
         if not len(runs):
             return x
         n, _, count = x.shape
-        mean, cov = belief.moments()
+        mean, cov = belief.moments
         h = bandwidth(n, count)
         root = h * square_root(np.ascontiguousarray(np.moveaxis(cov, -1, 0)[runs]))
         moves = np.moveaxis(root @ np.moveaxis(epanechnikov(rng.of(runs), n, count), 1, 0), 0, 1)
@@ -58,9 +51,6 @@ class Regularized(Filter):
         else:
             moved[:, runs] += moves
         return moved
-
-    def read(self, belief: Particles) -> Readout:
-        return belief.read()
 
 
 ESTIMATORS = (Regularized(),)

@@ -4,16 +4,16 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from suite import particles
-from suite.estimator import Filter, Readout
 from suite.linalg import Array
 from suite.model import StateSpaceModel
-from suite.parameters import parameter
+from suite.particle_filter import ParticleFilter
 from suite.particles import Particles
+from suite.proposal import from_transition
 from suite.random import Generators
 
 
 @dataclass(frozen=True)
-class SequentialImportanceSampling(Filter):
+class SequentialImportanceSampling(ParticleFilter):
     """Sequential importance sampling from the transition, without resampling."""
 
     name: ClassVar[str] = "sis"
@@ -21,20 +21,10 @@ class SequentialImportanceSampling(Filter):
         "A. Doucet, S. Godsill, C. Andrieu, On sequential Monte Carlo sampling methods for Bayesian filtering, "
         "Statistics and Computing 10, 2000, 197-208"
     )
-    particles: int = parameter(1000, "number of particles", low=1, high=10_000_000)
-
-    def runs_at_once(self, model: StateSpaceModel) -> int:
-        return particles.runs_at_once(self.particles)
-
-    def init(self, model: StateSpaceModel, rng: Generators) -> Particles:
-        return particles.drawn(model.prior, rng, self.particles)
 
     def step(self, model: StateSpaceModel, belief: Particles, y: Array, k: int, rng: Generators) -> Particles:
-        x = model.dynamics.sample(rng, belief.x, k)
-        return particles.weighted(x, belief.logw + model.sensor.logpdf(y, x, k), particles.all_of(*belief.weights.shape))
-
-    def read(self, belief: Particles) -> Readout:
-        return belief.read()
+        x, fit, evidence = particles.blockwise(lambda part: from_transition(model, part, y, k, rng), belief.x)
+        return particles.weighted(x, belief.logw + fit + evidence, particles.all_of(*belief.logw.shape))
 
 
 ESTIMATORS = (SequentialImportanceSampling(),)

@@ -12,12 +12,14 @@ def apply(matrix: Array, x: Array) -> Array:
     Written as a loop over matrix entries: structural zeros cost nothing, and a run's bits do not depend on how many
     runs stand beside it (a BLAS call over the flattened trailing axes would not promise that).
     """
-    out = np.zeros((len(matrix), *x.shape[1:]))
+    out = np.empty((len(matrix), *x.shape[1:]))
     for i, row in enumerate(matrix.tolist()):
         total = out[i, ...]  # a view even of a single number
-        for entry, component in zip(row, x, strict=True):
-            if entry:
-                total += component if entry == 1.0 else entry * component
+        terms = [(entry, component) for entry, component in zip(row, x, strict=True) if entry]
+        entry, component = terms[0] if terms else (0.0, 0.0)
+        np.multiply(entry, component, out=total)
+        for entry, component in terms[1:]:
+            total += component if entry == 1.0 else entry * component
     return out
 
 

@@ -99,7 +99,9 @@ class AdditiveTransition:
 
     def sample(self, rng: Generators, x: Array, k: int) -> Array:
         """Draws of x_k [n, R, ...] given x_{k-1} = x[n, R, ...]."""
-        return self.mean(x, k) + self.disturbance(rng, x.shape[1:], k)
+        moved = self.disturbance(rng, x.shape[1:], k)
+        moved += self.mean(x, k)
+        return moved
 
     def logpdf(self, z: Array, x: Array, k: int) -> Array:
         """Log-density of x_k = z given x_{k-1} = x; raises ValueError when noise enters through a gain."""
@@ -198,7 +200,7 @@ def outage_patterns(z: Array) -> Iterator[tuple[tuple[int, ...], NDArray[np.intp
 
 def wrap(angle: Array) -> Array:
     """Angles in radians, brought to (-pi, pi]."""
-    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+    return angle - 2 * np.pi * np.ceil(angle / (2 * np.pi) - 0.5)
 
 
 def is_linear_gaussian(model: StateSpaceModel) -> bool:

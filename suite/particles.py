@@ -1,6 +1,8 @@
 """Weighted particles: normalisation in the log domain, moments, effective sample size, resampling."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +13,8 @@ from suite.noise import Noise
 from suite.random import Generators
 from suite.resampling import Indices, Scheme, select
 
-CACHE = 16_384
-"""Particles of all runs that are carried together, so that their arrays stay in the processor's cache."""
+BLOCK = 8192
+"""Particles, of all runs carried together or of one alone, whose arrays stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -30,27 +32,53 @@ class Particles:
     ancestors: Array
     acceptance: Array | None = None
 
-    @property
+    @cached_property
     def ess(self) -> Array:
         """Effective sample size 1 / sum w² [R] (Kong, Liu and Wong, 1994)."""
-        return np.asarray(1.0 / (self.weights * self.weights).sum(-1))
+        return np.asarray(1.0 / np.matmul(self.weights[:, None], self.weights[:, :, None])[:, 0, 0])
 
+    @cached_property
     def moments(self) -> tuple[Array, Array]:
         """Weighted mean [n, R] and covariance [n, n, R]."""
-        mean = (self.x * self.weights).sum(-1)
-        spread = np.moveaxis(np.subtract(self.x, mean[..., None], order="C"), 1, 0)
-        cov = np.matmul(spread * self.weights[:, None], np.swapaxes(spread, 1, 2))
-        return mean, np.moveaxis((cov + np.swapaxes(cov, 1, 2)) / 2, 0, -1)
+        n, runs, count = self.x.shape
+        x = np.moveaxis(self.x, 1, 0)
+        mean = np.matmul(x, self.weights[:, :, None])
+        cov = np.zeros((runs, n, n))
+        for part in blocks(count):
+            spread = (x[:, :, part] - mean) * np.sqrt(self.weights[:, None, part])
+            cov += np.matmul(spread, np.swapaxes(spread, 1, 2))
+        return np.ascontiguousarray(mean[..., 0].T), np.moveaxis(cov, 0, -1)
 
     def read(self) -> Readout:
         """The weighted particles as a readout: the estimate is taken before any resampling."""
-        mean, cov = self.moments()
-        return Readout(mean, cov, self.loglik, self.ess, self.ancestors, self.acceptance)
+        return Readout(*self.moments, self.loglik, self.ess, self.ancestors, self.acceptance)
 
 
 def runs_at_once(particles: int) -> int:
     """How many runs of so many particles to carry together."""
-    return max(1, CACHE // particles)
+    return max(1, BLOCK // particles)
+
+
+def blocks(count: int) -> list[slice]:
+    """Slices of at most BLOCK particles."""
+    return [slice(s, s + BLOCK) for s in range(0, count, BLOCK)]
+
+
+def blockwise(function: Callable[..., tuple[Array, ...]], *arrays: Array) -> tuple[Array, ...]:
+    """What a function of arrays [..., N] gives, computed for at most BLOCK particles at a time.
+
+    The function returns arrays [..., N] and may draw random numbers; the blocks are fixed, so the numbers are too.
+    """
+    count = arrays[0].shape[-1]
+    if count <= BLOCK:
+        return function(*arrays)
+    whole: list[Array] = []
+    for part in blocks(count):
+        found = function(*(a[..., part] for a in arrays))
+        whole = whole or [np.empty((*a.shape[:-1], count)) for a in found]
+        for into, a in zip(whole, found, strict=True):
+            into[..., part] = a
+    return tuple(whole)
 
 
 def drawn(prior: Noise, rng: Generators, count: int) -> Particles:
@@ -67,9 +95,10 @@ def weighted(x: Array, logw: Array, parents: Indices, acceptance: Array | None =
     top = logw.max(-1)
     weights = np.exp(logw - top[:, None])
     total = weights.sum(-1)
+    weights /= total[:, None]
     loglik = top + np.log(total)
-    ancestors = 1.0 + (np.diff(parents, axis=1) != 0).sum(1)
-    return Particles(x, logw - loglik[:, None], weights / total[:, None], loglik, ancestors, acceptance)
+    ancestors = 1.0 + np.count_nonzero(parents[:, 1:] != parents[:, :-1], axis=1)
+    return Particles(x, logw - loglik[:, None], weights, loglik, ancestors, acceptance)
 
 
 def all_of(runs: int, count: int) -> Indices:
@@ -99,14 +128,10 @@ def resample(particles: Particles, scheme: Scheme, threshold: float, rng: Genera
     which = np.flatnonzero(chosen)
     if not len(which):
         return Resampled(particles.x, particles.logw, all_of(runs, count), which)
-    parents = np.array(all_of(runs, count))
-    parents[which] = scheme(particles.weights[which], rng.of(which))
-    logw = np.where(chosen[:, None], -np.log(count), particles.logw)
+    if len(which) == runs:
+        parents, logw = scheme(particles.weights, rng), np.full((runs, count), -np.log(count))
+    else:
+        parents, logw = np.array(all_of(runs, count)), particles.logw.copy()
+        parents[which] = scheme(particles.weights[which], rng.of(which))
+        logw[which] = -np.log(count)
     return Resampled(select(particles.x, parents), logw, parents, which)
-
-
-def metropolis(x: Array, candidates: Array, log_ratio: Array, rng: Generators) -> tuple[Array, Array]:
-    """One Metropolis-Hastings step for each particle: x[n, R, N] after it, and the share of candidates accepted [R]."""
-    uniform = rng.random((1, *log_ratio.shape))[0]
-    accepted = np.log(uniform) < log_ratio
-    return np.where(accepted, candidates, x), accepted.mean(-1)

@@ -77,7 +77,7 @@ SCHEMES: Mapping[str, Scheme] = MappingProxyType(
 def select(x: Array, indices: Indices) -> Array:
     """Particles x[n, R, N] picked by indices [R, N] within each run."""
     runs, count = indices.shape
-    flat = (indices + count * np.arange(runs)[:, None]).ravel()
+    flat = (indices + count * np.arange(runs)[:, None] if runs > 1 else indices).ravel()
     return np.asarray(np.take(x.reshape(*x.shape[:-2], -1), flat, axis=-1, mode="clip")).reshape(x.shape)
 
 
@@ -89,14 +89,12 @@ def _cumulative(weights: Array) -> Array:
 def _carried(ends: Array, cumulative: Array) -> Indices:
     """Indices [R, N] from the number of slots `ends` that are filled by each particle and all before it.
 
-    Each particle is scattered to its first slot and the largest index carried forward: no search. Rounding must neither
-    leave the last slots without a parent nor give them to one behind the last positive weight.
+    Rounding must neither leave the last slots without a parent nor give them to one behind the last positive weight.
     """
     runs, count = cumulative.shape
-    ends = np.clip(ends, 0, count)
-    ends = np.where(cumulative < cumulative[:, -1:], ends, count).astype(np.intp)
-    starts = np.concatenate([np.zeros((runs, 1), np.intp), ends[:, :-1]], axis=1)
-    run, parent = np.nonzero(ends > starts)
-    indices = np.zeros((runs, count), np.intp)
-    indices[run, starts[run, parent]] = parent
-    return np.asarray(np.maximum.accumulate(indices, axis=1))
+    ends = np.where(cumulative < cumulative[:, -1:], np.minimum(ends, count), count)
+    offspring = np.empty((runs, count), np.intp)
+    offspring[:, 0] = ends[:, 0]
+    np.subtract(ends[:, 1:], ends[:, :-1], out=offspring[:, 1:], casting="unsafe")
+    parents = np.repeat(np.arange(runs * count), offspring.ravel()).reshape(runs, count)
+    return parents - count * np.arange(runs)[:, None] if runs > 1 else parents

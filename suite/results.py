@@ -10,7 +10,7 @@ import numpy as np
 
 from suite.case import Card, Truth
 from suite.errors import BadInput
-from suite.estimator import Estimate, alike, join
+from suite.estimator import TRACES, Estimate, alike, join
 from suite.linalg import Array
 from suite.metrics import Metric, Score
 from suite.metrics.metric import Contributions

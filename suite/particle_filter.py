@@ -1,0 +1,26 @@
+"""The base of particle filters that start from draws of the prior and carry weighted particles."""
+
+from dataclasses import dataclass
+
+from suite import particles
+from suite.estimator import Filter, Readout
+from suite.model import StateSpaceModel
+from suite.parameters import parameter
+from suite.particles import Particles
+from suite.random import Generators
+
+
+@dataclass(frozen=True)
+class ParticleFilter(Filter):
+    """Base of particle filters: give `step`; the belief is `Particles` unless `init` and `read` say otherwise."""
+
+    particles: int = parameter(1000, "number of particles", low=1, high=10_000_000)
+
+    def runs_at_once(self, model: StateSpaceModel) -> int:
+        return particles.runs_at_once(self.particles)
+
+    def init(self, model: StateSpaceModel, rng: Generators) -> Particles:
+        return particles.drawn(model.prior, rng, self.particles)
+
+    def read(self, belief: Particles) -> Readout:
+        return belief.read()
