@@ -17,10 +17,13 @@ class ParticleFilter(Filter):
     particles: int = parameter(1000, "number of particles", low=1, high=10_000_000)
 
     def runs_at_once(self, model: StateSpaceModel) -> int:
+        """As many runs as fill the processor's cache."""
         return particles.runs_at_once(self.particles)
 
     def init(self, model: StateSpaceModel, rng: Generators) -> Particles:
+        """Equally weighted draws from the prior."""
         return particles.drawn(model.prior, rng, self.particles)
 
     def read(self, belief: Particles) -> Readout:
+        """Weighted mean and covariance, with the health of the weights."""
         return belief.read()
