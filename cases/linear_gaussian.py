@@ -22,6 +22,7 @@ MODEL = StateSpaceModel(
     prior=Gaussian([0.0, 10.0, 0.0, -5.0], np.diag([50.0, 5.0, 50.0, 5.0]) ** 2),
     dynamics=AdditiveTransition(Affine(np.kron(BOTH, AXIS)), Gaussian.noise(np.kron(BOTH, AXIS_NOISE))),
     sensor=AdditiveSensor(Affine(np.kron(BOTH, [[1.0, 0.0]])), Gaussian.diagonal([SIGMA**2, SIGMA**2])),
+    linear=(1, 3),
 )
 
 CASES = (

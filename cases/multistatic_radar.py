@@ -87,6 +87,7 @@ def assumed(vertical: float) -> StateSpaceModel:
         prior=Gaussian(flight()[0], np.diag(variances)),
         dynamics=AdditiveTransition(Affine(motion), Gaussian.diagonal(variances)),
         sensor=SENSOR,
+        linear=(3, 4, 5),  # given the position, range-rate is linear in velocity
     )
 
 

@@ -1,6 +1,19 @@
 """The estimators of filterbench, in report order; one file a method, `peers/` for other libraries' filters."""
 
-from estimators import auxiliary, bootstrap, guided, isir, kalman, regularized, resample_move, sir, sis, ukf
+from estimators import (
+    auxiliary,
+    bootstrap,
+    guided,
+    isir,
+    kalman,
+    regularized,
+    resample_move,
+    sir,
+    sis,
+    ukf,
+    uniform_resampling,
+    unscented,
+)
 from estimators.peers import filterpy
 from suite.estimator import Estimator
 from suite.registry import Registry
@@ -19,5 +32,7 @@ ESTIMATORS: Registry[Estimator] = Registry(
         *guided.ESTIMATORS,
         *isir.ESTIMATORS,
         *resample_move.ESTIMATORS,
+        *uniform_resampling.ESTIMATORS,
+        *unscented.ESTIMATORS,
     ),
 )

@@ -107,6 +107,16 @@ def accepts(model: StateSpaceModel) -> str | None:
     return None
 
 
+def needs_density(model: StateSpaceModel) -> str | None:
+    """None when the transition has a density over the whole state, otherwise why a proposal that weighs by it refuses."""
+    at = model.prior.mean[:, None]
+    try:
+        model.dynamics.logpdf(at, at, 1)
+    except ValueError:
+        return "its process noise is singular or enters through a gain: the transition has no density"
+    return None
+
+
 def linearise(model: StateSpaceModel, x: Array, y: Array, k: int) -> Linearised:
     """The linear sensors of the particles x[n, R, N] of step k - 1, given y_k = y[m, R]."""
     dynamics, sensor = model.dynamics, model.sensor

@@ -75,10 +75,11 @@ SCHEMES: Mapping[str, Scheme] = MappingProxyType(
 
 
 def select(x: Array, indices: Indices) -> Array:
-    """Particles x[n, R, N] picked by indices [R, N] within each run."""
-    runs, count = indices.shape
+    """Particles x[n, R, N] picked by indices [R, M] within each run: [n, R, M]."""
+    *axes, runs, count = x.shape
     flat = (indices + count * np.arange(runs)[:, None] if runs > 1 else indices).ravel()
-    return np.asarray(np.take(x.reshape(*x.shape[:-2], -1), flat, axis=-1, mode="clip")).reshape(x.shape)
+    picked = np.take(x.reshape(*axes, runs * count), flat, axis=-1, mode="clip")
+    return np.asarray(picked).reshape(*axes, *indices.shape)
 
 
 def _cumulative(weights: Array) -> Array:

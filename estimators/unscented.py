@@ -1,0 +1,88 @@
+"""The unscented particle filter: each particle is proposed by an unscented Kalman filter of its own."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from suite import gaussian, particles
+from suite.estimator import Readout
+from suite.gaussian import GaussianBelief
+from suite.linalg import Array, cholesky
+from suite.model import StateSpaceModel
+from suite.parameters import parameter
+from suite.particle_filter import ParticleFilter
+from suite.particles import Particles
+from suite.proposal import needs_density
+from suite.random import Generators
+from suite.resampling import SCHEMES, select
+
+
+@dataclass(frozen=True)
+class UnscentedBelief:
+    """Particles, and the covariance [n, n, R, N] that each one's filter carries."""
+
+    particles: Particles
+    cov: Array
+
+
+@dataclass(frozen=True)
+class UnscentedParticle(ParticleFilter):
+    """Particle filter that proposes from each particle's own unscented Kalman filter.
+
+    A particle's filter goes on from the particle itself and the covariance it had before. The optional Markov chain move
+    of the paper is left out; `isir` and `resample-move` show what a move brings.
+    """
+
+    name: ClassVar[str] = "unscented"
+    reference: ClassVar[str] = (
+        "R. van der Merwe, A. Doucet, N. de Freitas, E. Wan, The unscented particle filter, Advances in Neural "
+        "Information Processing Systems 13, 2000, 584-590"
+    )
+    particles: int = parameter(200, "number of particles", low=1, high=10_000_000)
+    threshold: float = parameter(1.0, "resample below this share of effective particles", low=0, high=1)
+    resampling: str = parameter("residual", "resampling scheme", choices=tuple(SCHEMES))
+    alpha: float = parameter(1.0, "spread of the sigma points", above=0, high=1)
+    beta: float = parameter(0.0, "extra weight of the central point in covariances", low=0)
+    kappa: float = parameter(2.0, "second spread parameter", low=0)
+
+    def accepts(self, model: StateSpaceModel) -> str | None:
+        return gaussian.additive(model) or needs_density(model)
+
+    def init(self, model: StateSpaceModel, rng: Generators) -> UnscentedBelief:
+        begin = super().init(model, rng)
+        shape = (*model.prior.cov.shape, *begin.logw.shape)
+        return UnscentedBelief(begin, np.broadcast_to(model.prior.cov[:, :, None, None], shape))
+
+    def step(self, model: StateSpaceModel, belief: UnscentedBelief, y: Array, k: int, rng: Generators) -> UnscentedBelief:
+        start = particles.resample(belief.particles, SCHEMES[self.resampling], self.threshold, rng)
+        spread = select(belief.cov, start.parents) if len(start.runs) else belief.cov
+        x, fit, cov = particles.blockwise(
+            lambda origin, around: self.proposed(model, origin, around, y, k, rng), start.x, spread
+        )
+        return UnscentedBelief(particles.weighted(x, start.logw + fit, start.parents), cov)
+
+    def proposed(
+        self, model: StateSpaceModel, origin: Array, around: Array, y: Array, k: int, rng: Generators
+    ) -> tuple[Array, Array, Array]:
+        """Draws [n, R, N] from each particle's filter, their log-weights [R, N], and the filters' covariances."""
+        n, runs, count = origin.shape
+        rule = gaussian.unscented(n, self.alpha, self.beta, self.kappa)
+        each = GaussianBelief(origin.reshape(n, -1).T, np.moveaxis(around.reshape(n, n, -1), -1, 0))
+        after = gaussian.update(
+            rule, gaussian.predict(rule, each, model.dynamics, k), model.sensor, np.repeat(y, count, axis=1), k
+        )
+        lower = cholesky(after.cov)
+        white = rng.standard_normal(origin.shape)
+        moves = np.matmul(lower, white.reshape(n, -1).T[..., None])[..., 0]
+        x = (after.mean + moves).T.reshape(origin.shape)
+        log_proposal = -0.5 * (n * np.log(2 * np.pi) + (white * white).sum(0))
+        log_proposal -= np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(-1).reshape(runs, count)
+        fit = model.sensor.logpdf(y, x, k) + model.dynamics.logpdf(x, origin, k) - log_proposal
+        return x, fit, np.moveaxis(after.cov, 0, -1).reshape(around.shape)
+
+    def read(self, belief: UnscentedBelief) -> Readout:
+        return belief.particles.read()
+
+
+ESTIMATORS = (UnscentedParticle(),)
