@@ -30,8 +30,10 @@ class UnscentedBelief:
 class UnscentedParticle(ParticleFilter):
     """Particle filter that proposes from each particle's own unscented Kalman filter.
 
-    A particle's filter goes on from the particle itself and the covariance it had before. The optional Markov chain move
-    of the paper is left out; `isir` and `resample-move` show what a move brings.
+    As in the authors' program, a particle's filter goes on from the particle itself and the covariance it had before. Where
+    the process noise is narrow that covariance is far wider than the transition, and next to no draw gets any weight:
+    `carried` scales it, and with 0 the filter starts from the particle alone, the sigma-point form of the optimal proposal.
+    The paper's optional Markov chain move is left out; `isir` and `resample-move` show what a move brings.
     """
 
     name: ClassVar[str] = "unscented"
@@ -42,6 +44,7 @@ class UnscentedParticle(ParticleFilter):
     particles: int = parameter(200, "number of particles", low=1, high=10_000_000)
     threshold: float = parameter(1.0, "resample below this share of effective particles", low=0, high=1)
     resampling: str = parameter("residual", "resampling scheme", choices=tuple(SCHEMES))
+    carried: float = parameter(1.0, "share of its covariance that a particle's filter starts from", low=0, high=1)
     alpha: float = parameter(1.0, "spread of the sigma points", above=0, high=1)
     beta: float = parameter(0.0, "extra weight of the central point in covariances", low=0)
     kappa: float = parameter(2.0, "second spread parameter", low=0)
@@ -68,7 +71,7 @@ class UnscentedParticle(ParticleFilter):
         """Draws [n, R, N] from each particle's filter, their log-weights [R, N], and the filters' covariances."""
         n, runs, count = origin.shape
         rule = gaussian.unscented(n, self.alpha, self.beta, self.kappa)
-        each = GaussianBelief(origin.reshape(n, -1).T, np.moveaxis(around.reshape(n, n, -1), -1, 0))
+        each = GaussianBelief(origin.reshape(n, -1).T, np.moveaxis(self.carried * around.reshape(n, n, -1), -1, 0))
         after = gaussian.update(
             rule, gaussian.predict(rule, each, model.dynamics, k), model.sensor, np.repeat(y, count, axis=1), k
         )

@@ -72,6 +72,8 @@ def square_root(stack: Array) -> Array:
     Cholesky where it exists; otherwise eigenvectors of the correlation matrix, whose small negative eigenvalues are
     rounding and count as zero.
     """
+    if not stack.any():  # all is known: no need to try one matrix after the other
+        return np.zeros_like(stack)
     root = cholesky(stack)
     for r in np.flatnonzero(np.isnan(root[:, 0, 0])):
         scale = np.sqrt(np.maximum(np.diag(stack[r]), 0.0))
