@@ -6,6 +6,7 @@ from estimators import (
     guided,
     isir,
     kalman,
+    rao_blackwellised,
     regularized,
     resample_move,
     sir,
@@ -34,5 +35,6 @@ ESTIMATORS: Registry[Estimator] = Registry(
         *resample_move.ESTIMATORS,
         *uniform_resampling.ESTIMATORS,
         *unscented.ESTIMATORS,
+        *rao_blackwellised.ESTIMATORS,
     ),
 )

@@ -8,15 +8,16 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from suite.linalg import Array
 
-# Partial derivatives of each ufunc with respect to its inputs; None where the result does not depend smoothly on them.
+ONE = 1.0
+# Partial derivatives of each ufunc with respect to its inputs; ONE where there is nothing to multiply by.
 _PARTIALS: dict[np.ufunc, Callable[..., tuple[Any, ...]]] = {
-    np.add: lambda a, b: (1.0, 1.0),
-    np.subtract: lambda a, b: (1.0, -1.0),
+    np.add: lambda a, b: (ONE, ONE),
+    np.subtract: lambda a, b: (ONE, -1.0),
     np.multiply: lambda a, b: (b, a),
     np.divide: lambda a, b: (1.0 / b, -a / (b * b)),
     np.power: lambda a, b: (b * np.power(a, b - 1), np.where(a > 0, np.log(np.where(a > 0, a, 1.0)) * np.power(a, b), 0)),
     np.negative: lambda a: (-1.0,),
-    np.positive: lambda a: (1.0,),
+    np.positive: lambda a: (ONE,),
     np.square: lambda a: (2 * a,),
     np.sqrt: lambda a: (0.5 / np.sqrt(a),),
     np.exp: lambda a: (np.exp(a),),
@@ -36,10 +37,13 @@ _COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, 
 
 
 class Dual(NDArrayOperatorsMixin):
-    """An array v[...] together with its derivatives dv[d, ...] with respect to d variables."""
+    """An array v[...] with its derivatives by some variables: for each number of a variable, an array that broadcasts to v.
 
-    def __init__(self, value: Array, tangent: Array):
-        self.value, self.tangent = value, tangent
+    A variable that v does not depend on has no entry, so that structural zeros cost nothing.
+    """
+
+    def __init__(self, value: Array, tangents: dict[int, Array]):
+        self.value, self.tangents = value, tangents
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -55,8 +59,8 @@ class Dual(NDArrayOperatorsMixin):
         return len(self.value)
 
     def __getitem__(self, index: Any) -> "Dual":
-        index = index if isinstance(index, tuple) else (index,)
-        return Dual(self.value[index], self.tangent[(slice(None), *index)])
+        found = {j: _compact(np.broadcast_to(t, self.shape)[index]) for j, t in self.tangents.items()}
+        return Dual(self.value[index], {j: t for j, t in found.items() if t.size > 1 or t.any()})
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         values = [x.value if isinstance(x, Dual) else x for x in inputs]
@@ -67,12 +71,12 @@ class Dual(NDArrayOperatorsMixin):
         if ufunc not in _PARTIALS:
             raise TypeError(f"no derivative is known for numpy.{ufunc.__name__}; give the Jacobian analytically")
         value = np.asarray(ufunc(*values))
-        terms = [
-            _aligned(x.tangent, value.ndim) * partial
-            for x, partial in zip(inputs, _PARTIALS[ufunc](*values), strict=True)
-            if isinstance(x, Dual)
-        ]
-        return Dual(value, np.broadcast_to(sum(terms[1:], start=terms[0]), (len(terms[0]), *value.shape)))
+        tangents: dict[int, Array] = {}
+        for x, partial in zip(inputs, _PARTIALS[ufunc](*values), strict=True):
+            for j, t in x.tangents.items() if isinstance(x, Dual) else ():
+                term = t if partial is ONE else partial * t
+                tangents[j] = tangents[j] + term if j in tangents else term
+        return Dual(value, tangents)
 
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
         if function is np.stack:
@@ -88,50 +92,64 @@ class Dual(NDArrayOperatorsMixin):
         raise TypeError(f"no derivative is known for numpy.{function.__name__}; give the Jacobian analytically")
 
 
-def derivative(function: Callable[[Any], Any], x: Array) -> Array:
+def derivative(function: Callable[[Any], Any], x: Array, along: Sequence[int] | None = None) -> Array:
     """Jacobian [p, n, ...] of a function of x[n, ...] that is an expression of NumPy ufuncs, `stack`, `concat` and `where`.
 
-    Raises TypeError when the function uses an operation whose derivative is not known here.
+    along: the components of x to differentiate by, in the order of the columns; all when left out. Raises TypeError when
+    the function uses an operation whose derivative is not known here.
     """
     n = len(x)
-    tangent = np.zeros((n, *x.shape))
-    tangent[range(n), range(n)] = 1.0
-    out = function(Dual(x, tangent))
+    units = np.eye(n).reshape(n, n, *(1,) * (x.ndim - 1))
+    chosen = range(n) if along is None else along
+    out = function(Dual(x, {j: units[j] for j in chosen}))
     if not isinstance(out, Dual):  # a constant function
-        return np.zeros((len(out), *x.shape))
-    return np.moveaxis(out.tangent, 0, 1)
+        return np.zeros((len(out), len(chosen), *x.shape[1:]))
+    jacobian = np.zeros((len(out), len(chosen), *out.shape[1:]))
+    for column, j in enumerate(chosen):
+        if j in out.tangents:
+            jacobian[:, column] = out.tangents[j]
+    return jacobian
 
 
-def _aligned(tangent: Array, ndim: int) -> Array:
-    """Tangent [d, ...] with axes inserted after the first, to broadcast against a value of `ndim` axes."""
-    return tangent.reshape(len(tangent), *(1,) * (ndim + 1 - tangent.ndim), *tangent.shape[1:])
+def _compact(t: Array) -> Array:
+    """The same derivatives with length 1 along those axes on which they repeat."""
+    return np.asarray(t)[tuple(slice(0, 1) if step == 0 else slice(None) for step in np.asarray(t).strides)]
 
 
-def _parts(items: Sequence[Any]) -> tuple[list[Array], list[Array]]:
-    """Values and tangents of a list of duals and constants, all broadcast to one shape."""
-    d = next(len(x.tangent) for x in items if isinstance(x, Dual))
-    values = np.broadcast_arrays(*[x.value if isinstance(x, Dual) else np.asarray(x, float) for x in items])
-    shape = values[0].shape
-    tangents = [np.broadcast_to(_aligned(x.tangent, len(shape)) if isinstance(x, Dual) else 0.0, (d, *shape)) for x in items]
-    return list(values), tangents
+def _value(x: Any) -> Array:
+    return x.value if isinstance(x, Dual) else np.asarray(x, float)
+
+
+def _tangents(items: Sequence[Any], join: Callable[[list[Array]], Array]) -> dict[int, Array]:
+    """The derivatives of several duals and constants, joined variable by variable; zero where one has none."""
+    variables = dict.fromkeys(j for x in items if isinstance(x, Dual) for j in x.tangents)
+    zero = np.zeros(())
+
+    def part(x: Any, j: int) -> Array:
+        t = x.tangents.get(j, zero) if isinstance(x, Dual) else zero
+        return np.broadcast_to(t, np.shape(_value(x)))
+
+    return {j: join([part(x, j) for x in items]) for j in variables}
 
 
 def _stack(items: Sequence[Any], axis: int = 0) -> Dual:
     if axis != 0:
         raise TypeError("a derivative of numpy.stack is known along the first axis only")
-    values, tangents = _parts(items)
-    return Dual(np.stack(values), np.stack(tangents, axis=1))
+
+    def join(parts: Sequence[Array]) -> Array:
+        return np.stack(np.broadcast_arrays(*parts))
+
+    return Dual(join([_value(x) for x in items]), _tangents(items, join))
 
 
 def _concatenate(items: Sequence[Any], axis: int = 0) -> Dual:
     if axis != 0:
         raise TypeError("a derivative of numpy.concatenate is known along the first axis only")
-    d, trailing = next((len(x.tangent), x.shape[1:]) for x in items if isinstance(x, Dual))
-    values = [x.value if isinstance(x, Dual) else np.asarray(x, float) for x in items]
-    tangents = [x.tangent if isinstance(x, Dual) else np.zeros((d, len(x), *trailing)) for x in items]
-    return Dual(np.concatenate(values), np.concatenate(tangents, axis=1))
+    return Dual(np.concatenate([_value(x) for x in items]), _tangents(items, np.concatenate))
 
 
 def _where(condition: Any, yes: Any, no: Any) -> Dual:
-    (a, b), (da, db) = _parts([yes, no])
-    return Dual(np.where(condition, a, b), np.where(condition, da, db))
+    def join(parts: Sequence[Array]) -> Array:
+        return np.where(condition, *parts)
+
+    return Dual(join([_value(yes), _value(no)]), _tangents([yes, no], join))

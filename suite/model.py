@@ -161,11 +161,16 @@ class AdditiveSensor:
 
 @dataclass(frozen=True, eq=False)
 class StateSpaceModel:
-    """A prior for x_0, a transition and a sensor. Raises ValueError when their dimensions disagree."""
+    """A prior for x_0, a transition and a sensor.
+
+    linear: components of the state in which, given the others, the mean functions of dynamics and sensor are affine; what
+    Rao-Blackwellised filters integrate out. Raises ValueError when dimensions disagree, or a mean function is not affine.
+    """
 
     prior: Gaussian
     dynamics: Transition
     sensor: Sensor
+    linear: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         n, m = self.n, self.m
@@ -179,6 +184,7 @@ class StateSpaceModel:
             shape = self.dynamics.noise_cov(1).shape
             if shape != (n, n):
                 raise ValueError(f"dynamics.noise has a covariance of shape {shape}, the state needs {(n, n)}")
+        self._check_linear()
 
     @property
     def n(self) -> int:
@@ -189,6 +195,29 @@ class StateSpaceModel:
     def m(self) -> int:
         """Number of measurement components."""
         return self.sensor.dim
+
+    def _check_linear(self) -> None:
+        """Second differences along the linear components, about the prior mean and some points of the prior's size away."""
+        linear = list(self.linear)
+        if len(set(linear)) < len(linear) or not set(linear) <= set(range(self.n)):
+            raise ValueError(f"linear names distinct components of a state of {self.n}, got {self.linear}")
+        if not linear:
+            return
+        size, at = np.sqrt(np.diag(self.prior.cov))[:, None], self.prior.mean[:, None]
+        angle = np.arange(4.0 * self.n).reshape(-1, 4)  # sines and cosines of integers: points in no special position
+        x, step = at + size * np.sin(angle), np.zeros_like(angle)
+        x[:, 0] = at[:, 0]
+        step[linear] = ((1 + size + np.abs(at)) * np.cos(angle))[linear]
+        for part, law in (("dynamics", self.dynamics), ("sensor", self.sensor)):
+            if isinstance(law, AdditiveTransition | AdditiveSensor):
+                difference = law.residual if isinstance(law, AdditiveSensor) else np.subtract
+                with np.errstate(all="ignore"):  # a point where the function is not defined proves nothing
+                    below, middle, above = (np.asarray(law.mean(x + side * step, 1)) for side in (-1, 0, 1))
+                    bend = np.abs(difference(difference(above, middle), difference(middle, below)))
+                    values = np.abs(below) + np.abs(middle) + np.abs(above)
+                    bent = bend > 1e-6 * values + 1e-11 * np.max(values, where=np.isfinite(values), initial=0.0)
+                if bent.any():
+                    raise ValueError(f"{part}.mean is not affine in the components {self.linear}, declared linear")
 
 
 def outage_patterns(z: Array) -> Iterator[tuple[tuple[int, ...], NDArray[np.intp]]]:

@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
+from itertools import groupby
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import gammaln
 
 from suite.linalg import Array, apply, factor
@@ -224,6 +226,50 @@ class Gamma:
     def marginal(self, rows: tuple[int, ...]) -> "Gamma":
         """Law of the components `rows` alone."""
         return Gamma(self.shape[list(rows)], self.scale[list(rows)])
+
+
+@dataclass(frozen=True, eq=False)
+class Independent:
+    """Vector made of independent ones, one below the other, each with a law of its own."""
+
+    parts: tuple[Noise, ...]
+
+    def __post_init__(self) -> None:
+        if not self.parts:
+            raise ValueError("independent noises need at least one part")
+
+    @cached_property
+    def mean(self) -> Array:
+        """Mean [d]."""
+        return np.concat([part.mean for part in self.parts])
+
+    @cached_property
+    def cov(self) -> Array:
+        """Covariance [d, d], block-diagonal."""
+        return np.asarray(block_diag(*(part.cov for part in self.parts)))
+
+    @cached_property
+    def _places(self) -> list[tuple[int, int]]:
+        """For each component, its part and its place within that part."""
+        return [(p, i) for p, part in enumerate(self.parts) for i in range(len(part.mean))]
+
+    def sample(self, rng: Generators, shape: tuple[int, ...]) -> Array:
+        """Independent draws [d, *shape]."""
+        return np.concat([part.sample(rng, shape) for part in self.parts])
+
+    def logpdf(self, e: Array) -> Array:
+        """Log-density at e[d, ...]."""
+        ends = np.cumsum([len(part.mean) for part in self.parts])[:-1]
+        terms = [part.logpdf(piece) for part, piece in zip(self.parts, np.split(e, ends), strict=True)]
+        return np.asarray(reduce(np.add, terms))
+
+    def marginal(self, rows: tuple[int, ...]) -> Noise:
+        """Law of the components `rows` alone. Raises ValueError when those of one part do not stand together."""
+        groups = [(p, tuple(i for _, i in group)) for p, group in groupby((self._places[r] for r in rows), lambda at: at[0])]
+        if len({p for p, _ in groups}) < len(groups):
+            raise ValueError(f"components of one part must stand together, got {rows}")
+        laws = tuple(self.parts[p].marginal(inside) for p, inside in groups)
+        return laws[0] if len(laws) == 1 else Independent(laws)
 
 
 def _column(vector: Array, like: Array) -> Array:

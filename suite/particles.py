@@ -35,19 +35,22 @@ class Particles:
     @cached_property
     def ess(self) -> Array:
         """Effective sample size 1 / sum w² [R] (Kong, Liu and Wong, 1994)."""
-        return np.asarray(1.0 / np.matmul(self.weights[:, None], self.weights[:, :, None])[:, 0, 0])
+        return np.asarray(1.0 / np.vecdot(self.weights, self.weights))
 
     @cached_property
     def moments(self) -> tuple[Array, Array]:
         """Weighted mean [n, R] and covariance [n, n, R]."""
         n, runs, count = self.x.shape
-        x = np.moveaxis(self.x, 1, 0)
-        mean = np.matmul(x, self.weights[:, :, None])
-        cov = np.zeros((runs, n, n))
+        mean = np.vecdot(self.x, self.weights)
+        cov = np.zeros((n, n, runs))
         for part in blocks(count):
-            spread = (x[:, :, part] - mean) * np.sqrt(self.weights[:, None, part])
-            cov += np.matmul(spread, np.swapaxes(spread, 1, 2))
-        return np.ascontiguousarray(mean[..., 0].T), np.moveaxis(cov, 0, -1)
+            spread = self.x[..., part] - mean[..., None]
+            heavy = spread * self.weights[:, part]
+            for i in range(n):
+                cov[i, : i + 1] += np.vecdot(heavy[: i + 1], spread[i])
+        for i in range(n):
+            cov[:i, i] = cov[i, :i]
+        return mean, cov
 
     def read(self) -> Readout:
         """The weighted particles as a readout: the estimate is taken before any resampling."""

@@ -191,6 +191,47 @@ def test_disagreeing_dimensions_are_named(dynamics, sensor, words):
         StateSpaceModel(PRIOR, dynamics, sensor)
 
 
+def curved(kind):
+    """Functions of (a, b) that are not affine in b: in one component, for other values of a, or in both together."""
+    extra = {
+        "square": lambda a, b: b * b,
+        "tiny square": lambda a, b: 1e-3 * b * b,
+        "only away from the mean of a": lambda a, b: a * b * b,
+        "kink": lambda a, b: np.maximum(b, 0.1),
+    }[kind]
+    return lambda x, k: np.stack([1e3 * np.sin(x[0]) * x[1], x[0] ** 2 + extra(x[0], x[1])])
+
+
+@pytest.mark.parametrize("kind", ["square", "tiny square", "only away from the mean of a", "kink"])
+def test_components_declared_linear_must_be(kind):
+    sensor = AdditiveSensor(curved(kind), Gaussian.noise(np.eye(2)))
+    motion = AdditiveTransition(curved(kind), Gaussian.noise(np.eye(2)))
+    with pytest.raises(ValueError, match=r"dynamics\.mean is not affine in the components \(1,\), declared linear"):
+        StateSpaceModel(PRIOR, motion, SENSOR, linear=(1,))
+    with pytest.raises(ValueError, match=r"sensor\.mean is not affine"):
+        StateSpaceModel(PRIOR, MOTION, sensor, linear=(1,))
+    assert StateSpaceModel(PRIOR, motion, sensor).linear == ()
+    product = AdditiveSensor(lambda x, k: np.stack([x[0] * x[1]]), Gaussian.noise([[1.0]]))
+    assert StateSpaceModel(PRIOR, MOTION, product, linear=(0,)).linear == (0,)
+    with pytest.raises(ValueError, match=r"sensor\.mean is not affine"):
+        StateSpaceModel(PRIOR, MOTION, product, linear=(0, 1))
+
+
+@pytest.mark.parametrize("spread", [0.0, 1e-3, 1e4])
+def test_what_is_linear_given_the_rest_may_be_declared(spread):
+    """Also where the rest has a function that is undefined in places, or an angle that wraps."""
+    prior = Gaussian([1e5, -30.0], spread**2 * np.eye(2))
+    motion = AdditiveTransition(lambda x, k: np.stack([np.sqrt(x[0]) * x[1], x[1] + 1e6 * np.sin(x[0])]), MOTION.noise)
+    turning = AdditiveSensor(lambda x, k: wrap(np.stack([3 * x[1] + x[0]])), Gaussian.noise([[1.0]]), angles=(0,))
+    assert StateSpaceModel(prior, motion, turning, linear=(1,)).linear == (1,)
+
+
+@pytest.mark.parametrize("linear", [(2,), (-1,), (0, 0)])
+def test_linear_components_are_distinct_components_of_the_state(linear):
+    with pytest.raises(ValueError, match="linear names distinct components of a state of 2, got"):
+        StateSpaceModel(PRIOR, MOTION, SENSOR, linear=linear)
+
+
 def test_dimensions_and_kind():
     model = StateSpaceModel(PRIOR, MOTION, SENSOR)
     assert (model.n, model.m) == (2, 3)
