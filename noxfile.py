@@ -48,16 +48,24 @@ def types(session: nox.Session) -> None:
 
 @nox.session
 def bench(session: nox.Session) -> None:
-    """Time the estimators; the figures are kept in bench/ as JSON, one file a run."""
+    """Time the estimators, also against other libraries; the figures are kept in bench/ as JSON, one file a run.
+
+    A library that does not install on this machine is skipped. `particles` asks for NumPy 1 but works with 2 (its answers
+    are checked before it is timed), so it is installed without its dependencies, which the extra `peers` names.
+    """
     install(session, "test")
+    session.install("--quiet", "-e", ".[peers]", success_codes=[0, 1])
+    session.install("--quiet", "--no-deps", "particles==0.4", success_codes=[0, 1])
     Path("bench").mkdir(exist_ok=True)
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     session.run(
         "pytest",
         "tests/benchmarks",
         "--benchmark-only",
+        "--benchmark-columns=median,iqr,rounds",
         "--benchmark-storage=file://bench",
         "--benchmark-autosave",
+        "-rs",
         *session.posargs,
         env=one_thread,
     )

@@ -186,8 +186,9 @@ class Filter(ABC):
 def _bury(out: Estimate, alive: Any, now: Readout, k: int) -> Any:
     """Mark the runs whose numbers stopped being finite at step k; they stay lost."""
     sound = np.isfinite(now.mean).all(0) & np.isfinite(now.cov).all((0, 1))
+    collapsed = np.zeros_like(sound) if now.loglik is None else now.loglik == -np.inf
     for r in np.flatnonzero(alive & ~sound):
-        why = "every particle has zero likelihood" if now.ess is not None else "the state estimate is not finite"
+        why = "every particle has zero likelihood" if collapsed[r] else "the state estimate is not finite"
         out.status[r], out.reason[r] = LOST, f"step {k}: {why}"  # type: ignore[index]
     return alive & sound
 

@@ -40,11 +40,14 @@ class Particles:
     @cached_property
     def moments(self) -> tuple[Array, Array]:
         """Weighted mean [n, R] and covariance [n, n, R]."""
-        n, runs, count = self.x.shape
-        mean = np.vecdot(self.x, self.weights)
+        x, (n, runs, count) = self.x, self.x.shape
+        mean = np.vecdot(x, self.weights)
+        if not np.isfinite(mean).all():  # a particle of weight zero may have left the numbers
+            x = np.where(self.weights > 0, x, 0.0)
+            mean = np.vecdot(x, self.weights)
         cov = np.zeros((n, n, runs))
         for part in blocks(count):
-            spread = self.x[..., part] - mean[..., None]
+            spread = x[..., part] - mean[..., None]
             heavy = spread * self.weights[:, part]
             for i in range(n):
                 cov[i, : i + 1] += np.vecdot(heavy[: i + 1], spread[i])
@@ -93,13 +96,15 @@ def drawn(prior: Noise, rng: Generators, count: int) -> Particles:
 def weighted(x: Array, logw: Array, parents: Indices, acceptance: Array | None = None) -> Particles:
     """Particles with log-weights [R, N] that are not normalised yet; the log of their sum is this step's log-likelihood.
 
-    A run whose weights are all zero, or any of whose weights is NaN, gets NaN weights: it is lost, and it alone.
+    A particle whose log-weight is NaN is impossible, as one of weight zero. A run in which all are gets NaN weights and a
+    log-likelihood of minus infinity: it is lost, and it alone.
     """
+    logw = np.fmax(logw, -np.inf)
     top = logw.max(-1)
     weights = np.exp(logw - top[:, None])
     total = weights.sum(-1)
     weights /= total[:, None]
-    loglik = top + np.log(total)
+    loglik = np.where(top == -np.inf, top, top + np.log(total))
     ancestors = 1.0 + np.count_nonzero(parents[:, 1:] != parents[:, :-1], axis=1)
     return Particles(x, logw - loglik[:, None], weights, loglik, ancestors, acceptance)
 

@@ -65,9 +65,10 @@ class Linearised:
         """
         dynamics, shape = self.model.dynamics, self.predicted.shape[1:]
         assert isinstance(dynamics, AdditiveTransition)
+        assert isinstance(self.model.sensor, AdditiveSensor)
         drawn = dynamics.disturbance(rng, shape, self.k)
         rest = self.error - pointwise.times(self.slope, drawn)
-        rest -= self._measurement_noise(rng)
+        rest -= self.model.sensor.noise.sample(rng, shape)  # what was not observed meets a slope of 0
         rest = pointwise.solve_upper(self.lower, pointwise.solve_lower(self.lower, rest))
         drawn += apply(dynamics.noise_cov(self.k), pointwise.transposed_times(self.slope, rest))
         drawn += self.predicted
@@ -87,13 +88,6 @@ class Linearised:
         white = pointwise.solve_lower(lower, e)
         constant = -0.5 * np.log(2 * np.pi) * np.isfinite(self.y).sum(0)[:, None]
         return np.asarray(constant - 0.5 * pointwise.dot(white, white) - pointwise.log_diagonal(lower))
-
-    def _measurement_noise(self, rng: Generators) -> Array:
-        sensor = self.model.sensor
-        assert isinstance(sensor, AdditiveSensor)
-        draws = sensor.noise.sample(rng, self.predicted.shape[1:])
-        seen = np.isfinite(self.y)
-        return draws if seen.all() else np.where(seen[:, :, None], draws, 0.0)
 
 
 def accepts(model: StateSpaceModel) -> str | None:

@@ -1,5 +1,6 @@
 """Independent oracles for the tests: other people's Kalman filter, explicit joint Gaussians, a grid filter."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -200,3 +201,104 @@ def from_west(y: Array) -> Array:
     """Range and bearing from east [T, 2, R] as range and bearing from west."""
     other = np.angle(np.exp(1j * (y[:, 1] + np.pi)))
     return np.stack([y[:, 0], other], axis=1)
+
+
+class Given(Generators):
+    """Generators whose uniform or exponential numbers are given, [R, K] at a time."""
+
+    def __init__(self, numbers):
+        super().__init__(generators(len(numbers)).generators)
+        self.numbers = np.asarray(numbers, float)
+
+    def random(self, shape):
+        assert shape == (1, *self.numbers.shape)
+        return self.numbers[None]
+
+    standard_exponential = random
+
+
+def wavy_model(gain: Array | None = None) -> StateSpaceModel:
+    """A scalar sensor whose slope changes, of a scalar state or of three states that one scalar noise drives."""
+    n = 1 if gain is None else len(gain)
+
+    def drift(x, k):
+        return 0.8 * x + 0.2 * np.sin(2 * x)
+
+    def look(x, k):
+        return np.stack([x[0] + 0.4 * np.sin(2 * x[0]) + sum(0.3 * row for row in x[1:])])
+
+    return StateSpaceModel(
+        Gaussian(np.zeros(n), np.eye(n)),
+        AdditiveTransition(drift, Gaussian.noise([[0.7]]), gain=gain),
+        AdditiveSensor(look, Gaussian.noise([[0.5]])),
+    )
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Law of the first state component given its parent and one of R measurements: cdf[R, G] at the points x[G]."""
+
+    likelihood: Array
+    mean: Array
+    x: Array
+    cdf: Array
+
+
+def quadrature_of_transition(model: StateSpaceModel, origin: Array, y: Array, k: int) -> Posterior:
+    """p(x_k | x_{k-1} = origin[n], y_k) for scalar measurements y[R] and a scalar noise, by a sum over a fine grid of it."""
+    w = np.linspace(-12, 12, 48_001)
+    gain = np.ones((1, 1)) if model.dynamics.gain is None else model.dynamics.gain
+    std = np.sqrt(model.dynamics.noise_at(k).cov[0, 0])
+    x = model.dynamics.mean(origin[:, None], k) + gain * (std * w)
+    expected = model.sensor.mean(x, k)[0]
+    density = stats.norm.pdf(w) * stats.norm.pdf(y[:, None], expected, np.sqrt(model.sensor.noise.cov[0, 0]))
+    likelihood = density.sum(1) * (w[1] - w[0])
+    share = density / density.sum(1, keepdims=True)
+    return Posterior(likelihood, share @ x[0], x[0], np.cumsum(share, axis=1) - share / 2)
+
+
+def strata(weights: Array) -> Array:
+    """Chance [slot, particle] that a slot of stratified resampling takes a particle: how much they overlap."""
+    count, slot = len(weights), np.arange(len(weights))[:, None]
+    ends = np.cumsum(weights) * count
+    return np.maximum(np.minimum(ends, slot + 1) - np.maximum(ends - count * weights, slot), 0)
+
+
+def slots(scheme: str, weights: Array) -> Array:
+    """Chance [slot, particle] of the slots that a resampling scheme other than systematic fills independently."""
+    if scheme == "stratified":
+        return strata(weights)
+    left = len(weights) * weights if scheme == "multinomial" else len(weights) * weights % 1
+    return np.tile(left / left.sum(), (round(left.sum()), 1))
+
+
+def offspring_law(scheme: str, weights: Array) -> dict[tuple[int, ...], float]:
+    """Exact law of the offspring counts of a resampling scheme: {counts: probability}."""
+    count, law = len(weights), {}
+    if scheme == "systematic":
+        ends = np.cumsum(weights) * count
+        edges = np.unique(np.concatenate([[0.0, 1.0], ends[:-1] % 1]))
+        for a, b in itertools.pairwise(edges[np.diff(edges, append=2) > 1e-12]):  # counts change where u passes an end
+            parents = np.searchsorted(ends, np.arange(count) + (a + b) / 2)
+            key = tuple(np.bincount(parents, minlength=count).tolist())
+            law[key] = law.get(key, 0.0) + b - a
+        return law
+    certain = np.floor(count * weights) if scheme == "residual" else np.zeros(count)
+    law[tuple(certain.astype(int).tolist())] = 1.0
+    for slot in slots(scheme, weights):
+        found = {}
+        for (so_far, p), (i, chance) in itertools.product(law.items(), enumerate(slot)):
+            now = (*so_far[:i], so_far[i] + 1, *so_far[i + 1 :])
+            found[now] = found.get(now, 0.0) + p * chance
+        law = found
+    return law
+
+
+def offspring_variance(scheme: str, weights: Array, phi: Array) -> float:
+    """Exact variance of the sum of phi[N] over the offspring: over independent slots, or over the one uniform number."""
+    if scheme == "systematic":
+        law = offspring_law(scheme, weights)
+        values, chance = np.array(list(law)) @ phi, np.array(list(law.values()))
+        return float(chance @ (values - chance @ values) ** 2)
+    chances = slots(scheme, weights)
+    return float((chances @ phi**2 - (chances @ phi) ** 2).sum())

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from suite.random import Generators, Streams
 
 DRAWS = {
     "standard_normal": lambda g, shape: g.standard_normal(shape),
     "random": lambda g, shape: g.random(shape),
+    "standard_exponential": lambda g, shape: g.standard_exponential(shape),
     "standard_gamma": lambda g, shape: g.standard_gamma(1.7, shape),
 }
 
@@ -31,6 +33,8 @@ def test_one_run_draws_what_its_own_generator_draws():
     plain = Streams((1,)).batch(4, 1).generators[0]
     np.testing.assert_array_equal(rng.standard_normal((3, 1, 6))[:, 0], plain.standard_normal((3, 6)))
     np.testing.assert_array_equal(rng.random((1, 1, 2))[:, 0], plain.random((1, 2)))
+    np.testing.assert_array_equal(rng.standard_exponential((2, 1, 5))[:, 0], plain.standard_exponential((2, 5)))
+    np.testing.assert_array_equal(rng.standard_gamma(0.3, (2, 1, 5))[:, 0], plain.standard_gamma(0.3, (2, 5)))
     assert isinstance(plain.bit_generator, np.random.SFC64)
     assert plain.bit_generator.seed_seq.spawn_key == (4,)
 
@@ -62,6 +66,34 @@ def test_streams_are_uncorrelated():
     r = np.corrcoef(x.T)[np.triu_indices(400, 1)]
     assert np.abs(r).max() < 6.5 / np.sqrt(500)
     assert abs((r**2).mean() * 500 - 1) < 0.025
+
+
+@pytest.mark.parametrize(
+    ("draw", "law"),
+    [
+        (lambda g, shape: g.standard_normal(shape), stats.norm()),
+        (lambda g, shape: g.random(shape), stats.uniform()),
+        (lambda g, shape: g.standard_exponential(shape), stats.expon()),
+        (lambda g, shape: g.standard_gamma(1.7, shape), stats.gamma(1.7)),
+    ],
+    ids=DRAWS,
+)
+def test_numbers_follow_their_law(draw, law):
+    # Each Kolmogorov-Smirnov test fails by chance with probability 1e-9.
+    assert stats.kstest(draw(Streams(("law",)).batch(0, 4), (2, 4, 5000)).ravel(), law.cdf).pvalue > 1e-9
+
+
+@pytest.mark.parametrize("draw", DRAWS.values(), ids=DRAWS)
+@pytest.mark.parametrize("some", [[2], [0, 3], [4, 1, 2], [0, 1, 2, 3, 4], np.array([1, 3]), []], ids=str)
+def test_some_runs_draw_their_own_numbers_and_move_no_others(draw, some):
+    rng, plain = Streams(("of",)).batch(0, 5), Streams(("of",)).batch(0, 5)
+    first, second = draw(plain, (2, 5, 3)), draw(plain, (2, 5, 3))
+    chosen = rng.of(some)
+    assert chosen.runs == len(some)
+    np.testing.assert_array_equal(draw(chosen, (2, len(some), 3)), first[:, list(some)])
+    now = draw(rng, (2, 5, 3))
+    for r in range(5):
+        np.testing.assert_array_equal(now[:, r], (second if r in some else first)[:, r])
 
 
 def test_shape_must_fit_the_runs():
