@@ -6,6 +6,7 @@ from estimators import (
     guided,
     isir,
     kalman,
+    progressive,
     rao_blackwellised,
     regularized,
     resample_move,
@@ -35,6 +36,7 @@ ESTIMATORS: Registry[Estimator] = Registry(
         *resample_move.ESTIMATORS,
         *uniform_resampling.ESTIMATORS,
         *unscented.ESTIMATORS,
+        *progressive.ESTIMATORS,
         *rao_blackwellised.ESTIMATORS,
     ),
 )

@@ -20,6 +20,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
     for name, words, add in (
         ("list", "show what there is to run and to measure", _list),
+        ("check", "hold estimators against the rules that all of them keep", _check),
         ("run", "run estimators on cases and store what comes out", _run),
         ("score", "compute metrics from stored results", _score),
         ("report", "render stored results as a static HTML site", _report),
@@ -38,6 +39,13 @@ class _Parser(argparse.ArgumentParser):
 def _list(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("kind", nargs="?", choices=("estimators", "cases", "metrics"), help="what to show (default: all)")
     parser.add_argument("pattern", nargs="?", default="*", metavar="PATTERN", help="glob pattern")
+    _plugin(parser)
+
+
+def _check(parser: argparse.ArgumentParser) -> None:
+    words = "estimators, glob pattern, with parameters in brackets behind it (default: all)"
+    parser.add_argument("estimator", nargs="*", metavar="NAME", help=words)
+    _several(parser, "-c", "--case", "cases", "check/*")
     _plugin(parser)
 
 
@@ -74,8 +82,9 @@ def _selection(parser: argparse.ArgumentParser) -> None:
     _several(parser, "-c", "--case", "cases")
 
 
-def _several(parser: argparse.ArgumentParser, short: str, long: str, what: str) -> None:
-    parser.add_argument(short, long, action="extend", nargs="+", default=[], metavar="PATTERN", help=f"{what}, {PATTERN}")
+def _several(parser: argparse.ArgumentParser, short: str, long: str, what: str, usual: str = "all") -> None:
+    words = f"{what}, {PATTERN} (default: {usual})"
+    parser.add_argument(short, long, action="extend", nargs="+", default=[], metavar="PATTERN", help=words)
 
 
 def _plugin(parser: argparse.ArgumentParser) -> None:

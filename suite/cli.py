@@ -1,4 +1,4 @@
-"""The command line: list, run, score, report."""
+"""The command line: list, check, run, score, report."""
 
 import argparse
 import contextlib
@@ -11,18 +11,23 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from rich.markup import escape
+
 import cases
 from estimators import ESTIMATORS
-from suite import plan, results, score
+from suite import parameters, plan, results, score
 from suite.arguments import parse
+from suite.conformance import examine, summary
 from suite.errors import BadInput, near
 from suite.metrics import METRICS
+from suite.problems import PROBLEMS
 from suite.progress import Progress
 from suite.record import Report
 from suite.registry import Catalog, catalog
 from suite.run import Outcome, execute
 from suite.store import Store
 from suite.tables import describe, print_scores, print_table
+from suite.trial import measured
 from suite.worker import Context
 
 DONE, TROUBLE, BAD = 0, 1, 2
@@ -35,12 +40,12 @@ def load_catalog(plugins: Sequence[str] = ()) -> Catalog:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns 0 when done, 1 when something failed in a cell, 2 for bad input."""
+    """Run a command; returns 0 when done, 1 when something failed in a cell or a check, 2 for bad input."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a name that the terminal's encoding lacks is shown escaped
             stream.reconfigure(errors="backslashreplace")
-    commands = {"list": _list, "run": _run, "score": _score, "report": _report}
+    commands = {"list": _list, "check": _check, "run": _run, "score": _score, "report": _report}
     try:
         options = parse(arguments)
         options.command_line = shlex.join(["filterbench", *arguments])
@@ -68,6 +73,23 @@ def _list(options: argparse.Namespace) -> int:
         rows = [(entry.name, describe(entry)) for entry in registries[kind].select([options.pattern])]
         print_table(kind, ("name", "what it is"), rows)
     return DONE
+
+
+def _check(options: argparse.Namespace) -> int:
+    known = load_catalog(options.plugin)
+    estimators = known.estimators.select(options.estimator)
+    cases = known.cases.extended(PROBLEMS).select(options.case or ["check/*"])
+    problems = [measured(case) for case in cases]
+    broken = []
+    for estimator in estimators:
+        label, verdicts = parameters.label(estimator), list(examine(estimator, problems))
+        print_table(escape(label), ("check", "cases", "verdict"), summary(verdicts))
+        if any(v.broken for v in verdicts):
+            broken.append(label)
+    print(f"{len(estimators) - len(broken)} of {len(estimators)} estimators keep all rules")
+    if broken:
+        _complain(f"rules are broken by {', '.join(broken)}")
+    return TROUBLE if broken else DONE
 
 
 def _run(options: argparse.Namespace) -> int:

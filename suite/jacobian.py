@@ -98,17 +98,22 @@ def derivative(function: Callable[[Any], Any], x: Array, along: Sequence[int] | 
     along: the components of x to differentiate by, in the order of the columns; all when left out. Raises TypeError when
     the function uses an operation whose derivative is not known here.
     """
+    return value_and_derivative(function, x, along)[1]
+
+
+def value_and_derivative(function: Callable[[Any], Any], x: Array, along: Sequence[int] | None = None) -> tuple[Array, Array]:
+    """The value [p, ...] of a function at x[n, ...], and its Jacobian as `derivative` gives it."""
     n = len(x)
     units = np.eye(n).reshape(n, n, *(1,) * (x.ndim - 1))
     chosen = range(n) if along is None else along
     out = function(Dual(x, {j: units[j] for j in chosen}))
     if not isinstance(out, Dual):  # a constant function
-        return np.zeros((len(out), len(chosen), *x.shape[1:]))
+        return np.asarray(out, float), np.zeros((len(out), len(chosen), *x.shape[1:]))
     jacobian = np.zeros((len(out), len(chosen), *out.shape[1:]))
     for column, j in enumerate(chosen):
         if j in out.tangents:
             jacobian[:, column] = out.tangents[j]
-    return jacobian
+    return out.value, jacobian
 
 
 def _compact(t: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from suite.jacobian import derivative
+from suite.jacobian import value_and_derivative
 from suite.linalg import Array, apply
 from suite.noise import Gaussian, Noise
 from suite.random import Generators
@@ -90,7 +90,7 @@ class AdditiveTransition:
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Derivative of the mean with respect to x[n, ...]: [n, n, ...]."""
-        return _jacobian(self.mean, self.jacobian_of_mean, x, k)
+        return _linearised(self.mean, self.jacobian_of_mean, x, k)[1]
 
     def disturbance(self, rng: Generators, shape: tuple[int, ...], k: int) -> Array:
         """Draws of G w_k [n, *shape]; shape[0] is the number of runs."""
@@ -130,7 +130,11 @@ class AdditiveSensor:
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Derivative of the mean with respect to x[n, ...]: [m, n, ...]."""
-        return _jacobian(self.mean, self.jacobian_of_mean, x, k)
+        return self.linearised(x, k)[1]
+
+    def linearised(self, x: Array, k: int) -> tuple[Array, Array]:
+        """Mean [m, ...] and its derivative [m, n, ...] at x[n, ...]."""
+        return _linearised(self.mean, self.jacobian_of_mean, x, k)
 
     def residual(self, z: Array, expected: Array) -> Array:
         """Difference z - expected [m, ...], its angular components wrapped to (-pi, pi]."""
@@ -246,10 +250,11 @@ def is_linear_gaussian(model: StateSpaceModel) -> bool:
     )
 
 
-def _jacobian(function: Function, analytic: Function | None, x: Array, k: int) -> Array:
+def _linearised(function: Function, analytic: Function | None, x: Array, k: int) -> tuple[Array, Array]:
     if analytic is not None:
-        return analytic(x, k)
+        return function(x, k), analytic(x, k)
     if isinstance(function, Affine):
         matrix = function.matrix(k)
-        return np.broadcast_to(matrix.reshape(*matrix.shape, *(1,) * (x.ndim - 1)), (*matrix.shape, *x.shape[1:]))
-    return derivative(lambda s: function(s, k), x)
+        slope = np.broadcast_to(matrix.reshape(*matrix.shape, *(1,) * (x.ndim - 1)), (*matrix.shape, *x.shape[1:]))
+        return function(x, k), slope
+    return value_and_derivative(lambda s: function(s, k), x)

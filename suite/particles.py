@@ -13,7 +13,7 @@ from suite.noise import Noise
 from suite.random import Generators
 from suite.resampling import Indices, Scheme, select
 
-BLOCK = 8192
+BLOCK = 32768
 """Particles, of all runs carried together or of one alone, whose arrays stay in the processor's cache."""
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from suite import pointwise
-from suite.linalg import Array, apply
+from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian
 from suite.random import Generators
@@ -39,20 +39,25 @@ def linearised(model: StateSpaceModel, x: Array, y: Array, k: int, rng: Generato
     return drawn, ahead.fit(drawn), ahead.evidence()
 
 
+Row = dict[int, Array]
+"""One row of a matrix a particle: the entries [R, N] that are not zero everywhere, by column."""
+
+
 @dataclass(frozen=True)
 class Linearised:
     """Where each particle is predicted to be, the linear sensor there, and the measurement.
 
-    predicted[n, R, N]; slope[m, n, R, N], the sensor's Jacobian there; error[m, R, N], measurement minus prediction;
-    lower[m, m, R, N], Cholesky factor of S; noise[m, m, R, 1], that of R. Components that were not observed have slope 0,
-    error 0 and unit variance of their own: they drop out of all that follows.
+    predicted[n, R, N]; slope, the m rows of the sensor's Jacobian H there; cross, the m rows of H Q; error[m, R, N],
+    measurement minus prediction; lower[m, m, R, N], Cholesky factor of S; noise[m, m, R, 1], that of R. Components that were
+    not observed have slope 0, error 0 and unit variance of their own: they drop out of all that follows.
     """
 
     model: StateSpaceModel
     y: Array
     k: int
     predicted: Array
-    slope: Array
+    slope: list[Row]
+    cross: list[Row]
     error: Array
     lower: Array
     noise: Array
@@ -67,16 +72,18 @@ class Linearised:
         assert isinstance(dynamics, AdditiveTransition)
         assert isinstance(self.model.sensor, AdditiveSensor)
         drawn = dynamics.disturbance(rng, shape, self.k)
-        rest = self.error - pointwise.times(self.slope, drawn)
+        rest = self.error - _times(self.slope, drawn)
         rest -= self.model.sensor.noise.sample(rng, shape)  # what was not observed meets a slope of 0
         rest = pointwise.solve_upper(self.lower, pointwise.solve_lower(self.lower, rest))
-        drawn += apply(dynamics.noise_cov(self.k), pointwise.transposed_times(self.slope, rest))
         drawn += self.predicted
+        for row, weight in zip(self.cross, rest, strict=True):
+            for i, entry in row.items():
+                drawn[i] += entry * weight
         return drawn
 
     def fit(self, x: Array) -> Array:
         """log p(y | x) - log N(linear residual; 0, R) [R, N]: how far the likelihood at x is from the linear sensor's."""
-        rest = self.error - pointwise.times(self.slope, x - self.predicted)
+        rest = self.error - _times(self.slope, x - self.predicted)
         return self.model.sensor.logpdf(self.y, x, self.k) - self._log_normal(self.noise, rest)
 
     def evidence(self) -> Array:
@@ -117,8 +124,8 @@ def linearise(model: StateSpaceModel, x: Array, y: Array, k: int) -> Linearised:
     assert isinstance(dynamics, AdditiveTransition)
     assert isinstance(sensor, AdditiveSensor)
     predicted = dynamics.mean(x, k)
-    error = sensor.residual(y[:, :, None], sensor.mean(predicted, k))
-    slope = np.asarray(sensor.jacobian(predicted, k))
+    expected, slope = sensor.linearised(predicted, k)
+    error = sensor.residual(y[:, :, None], expected)
     seen = np.isfinite(y)
     noise = np.repeat(sensor.noise.cov[:, :, None, None], y.shape[1], axis=2)
     if not seen.all():
@@ -126,16 +133,42 @@ def linearise(model: StateSpaceModel, x: Array, y: Array, k: int) -> Linearised:
         noise = np.where(both, noise, np.eye(len(y))[:, :, None, None])
         error = np.where(seen[:, :, None], error, 0.0)
         slope = np.where(seen[:, None, :, None], slope, 0.0)
-    lower = pointwise.cholesky(_projected(slope, dynamics.noise_cov(k)) + noise)
-    return Linearised(model, y, k, predicted, slope, error, lower, pointwise.cholesky(noise))
+    rows = [_sparse(row) for row in slope]
+    cross = [_projected(row, dynamics.noise_cov(k).tolist()) for row in rows]
+    spread = np.empty((len(y), len(y), *x.shape[1:]))  # S, its lower triangle
+    for i, j in zip(*np.tril_indices(len(y)), strict=True):
+        spread[i, j] = _dot(cross[i], rows[j]) + noise[i, j]
+    return Linearised(model, y, k, predicted, rows, cross, error, pointwise.cholesky(spread), pointwise.cholesky(noise))
 
 
-def _projected(slope: Array, cov: Array) -> Array:
-    """H Q H' [m, m, R, N] for slopes H[m, n, R, N] and one covariance Q[n, n]; the lower triangle alone is filled."""
-    m = len(slope)
-    out = np.zeros((m, m, *slope.shape[2:]))
-    for i in range(m):
-        row = apply(cov, slope[i])
-        for j in range(i + 1):
-            out[i, j] = pointwise.dot(row, slope[j])
+def _sparse(entries: Array) -> Row:
+    """The row with entries[n, R, N]."""
+    return {j: e for j, e in enumerate(entries) if e.flat[0] or e.any()}
+
+
+def _projected(row: Row, cov: list[list[float]]) -> Row:
+    """A row times a constant symmetric matrix."""
+    products = {i: [column[j] * entry for j, entry in row.items() if column[j]] for i, column in enumerate(cov)}
+    return {i: _total(terms) for i, terms in products.items() if terms}
+
+
+def _dot(a: Row, b: Row) -> Array | float:
+    """Product of one row and another, transposed."""
+    terms = [entry * b[j] for j, entry in a.items() if j in b]
+    return _total(terms) if terms else 0.0
+
+
+def _total(terms: list[Array]) -> Array:
+    """Sum of fresh arrays, in the first of them."""
+    for term in terms[1:]:
+        terms[0] += term
+    return terms[0]
+
+
+def _times(rows: list[Row], x: Array) -> Array:
+    """Product of a matrix, row by row, and x[n, R, N]."""
+    out = np.zeros((len(rows), *x.shape[1:]))
+    for total, row in zip(out, rows, strict=True):
+        for j, entry in row.items():
+            total += entry * x[j]
     return out

@@ -1,0 +1,142 @@
+"""The ballistic case: the paper's equations recoded with matrices, Jacobians, and what is simulated."""
+
+import numpy as np
+import pytest
+
+from cases import CASES
+
+CASE = CASES["ballistic/1"]
+MODEL = CASE.model
+GRAVITY, DELTA = 9.8, 2.0
+
+# Pavlov and Bruno, eqs 1-5: s' = Phi s + G (f(s) + (0, -g)).
+PHI = np.eye(5)
+PHI[0, 1] = PHI[2, 3] = DELTA
+PUSH = np.array([[DELTA**2 / 2, 0], [DELTA, 0], [0, DELTA**2 / 2], [0, DELTA], [0, 0]])
+
+
+def drag(s):
+    _, vx, y, vy, beta = s
+    c1, c2 = (1.227, 1.093e-4) if y < 9144 else (1.754, 1.49e-4)
+    return -0.5 * (GRAVITY / beta) * c1 * np.exp(-c2 * y) * np.linalg.norm([vx, vy]) * np.array([vx, vy])
+
+
+def successor(s):
+    return PHI @ s + PUSH @ (drag(s) - np.array([0, GRAVITY]))
+
+
+def slope(s):
+    """Derivative of `successor`, as worked out by hand."""
+    _, vx, y, vy, beta = s
+    c1, c2 = (1.227, 1.093e-4) if y < 9144 else (1.754, 1.49e-4)
+    density, v, k = c1 * np.exp(-c2 * y), np.hypot(vx, vy), -GRAVITY / (2 * beta)
+    df = np.zeros((2, 5))
+    df[:, [1, 3]] = k * density * np.array([[v + vx**2 / v, vx * vy / v], [vx * vy / v, v + vy**2 / v]])
+    df[:, 2] = -c2 * k * density * v * np.array([vx, vy])
+    df[:, 4] = -k / beta * density * v * np.array([vx, vy])
+    return PHI + PUSH @ df
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """A thousand runs, k = 1 to 50."""
+    return CASE.simulate(1000, seed=3)
+
+
+@pytest.fixture(scope="module")
+def states(truth):
+    """States along trajectories, from 90 km down, and two on either side of where the density changes its law."""
+    edge = np.array([[1e4, -900.0, 9143.9, -200.0, 4e4], [1e4, -900.0, 9144.0, -200.0, 4e4]])
+    return np.concatenate([truth.x[::7, :, 0], truth.x[::7, :, 1], edge])
+
+
+def test_motion_is_the_papers(states):
+    found = MODEL.dynamics.mean(states.T, 1).T
+    np.testing.assert_allclose(found, [successor(s) for s in states], rtol=1e-13, atol=1e-9)
+    assert (states[:, 2] < 9144).any()  # below, and above, the change of law
+    assert (states[:, 2] > 20_000).any()
+
+
+def test_measurements_are_range_and_elevation(states):
+    found = MODEL.sensor.mean(states.T, 1)
+    z = states[:, 0] + 1j * states[:, 2]
+    np.testing.assert_allclose(found, [np.abs(z), np.angle(z)], rtol=1e-14)
+
+
+def test_jacobians_are_those_worked_out_by_hand_and_by_differences(states):
+    F, H = MODEL.dynamics.jacobian(states.T, 1), MODEL.sensor.jacobian(states.T, 1)
+    x, y = states[:, 0], states[:, 2]
+    r, zero = np.hypot(x, y), np.zeros(len(x))
+    np.testing.assert_allclose(H, [[x / r, zero, y / r, zero, zero], [-y / r**2, zero, x / r**2, zero, zero]], rtol=1e-12)
+    np.testing.assert_allclose(np.moveaxis(F, -1, 0), [slope(s) for s in states], rtol=1e-10, atol=1e-18)
+    inside = states[:-2].T  # a difference does not cross the change of law there
+    for law, jacobian in ((MODEL.dynamics, F), (MODEL.sensor, H)):
+        for i, d in enumerate((1.0, 0.01, 1.0, 0.01, 1.0)):
+            shift = np.zeros((5, 1))
+            shift[i] = d
+            difference = (law.mean(inside + shift, 1) - law.mean(inside - shift, 1)) / (2 * d)
+            np.testing.assert_allclose(jacobian[:, i, :-2], difference, rtol=1e-4, atol=2e-7)
+
+
+def test_noises_and_prior_are_the_papers():
+    axis = 5 * np.array([[8 / 3, 2], [2, 2]])
+    zero = np.zeros((2, 2))
+    process = np.block([[axis, zero, np.zeros((2, 1))], [zero, axis, np.zeros((2, 1))], [np.zeros((1, 4)), np.array([[10.0]])]])
+    np.testing.assert_allclose(MODEL.dynamics.noise.cov, process)
+    np.testing.assert_allclose(MODEL.sensor.noise.cov, np.diag([100.0**2, 0.017**2]))
+    heading = 190 / 180 * np.pi
+    np.testing.assert_allclose(MODEL.prior.mean, [232e3, 2290 * np.cos(heading), 88e3, 2290 * np.sin(heading), 40e3])
+    np.testing.assert_allclose(MODEL.prior.cov, np.diag([1e6, 400.0, 1e6, 400.0, 6.25e6]))
+    assert (CASE.steps, CASE.interval) == (50, 2.0)
+
+
+def test_simulated_noises_are_those_of_the_model(truth):
+    # 49 000 process and 50 000 measurement noises: 5 + 2 means and 15 + 3 covariances within 5 standard errors, and those
+    # with the step before, 25 + 4: a false alarm has probability below 4e-5.
+    x = np.moveaxis(truth.x, 1, 0)
+    w = x[:, 1:] - MODEL.dynamics.mean(x[:, :-1], 1)
+    v = np.moveaxis(truth.y, 1, 0) - MODEL.sensor.mean(x, 1)
+    v[1] = np.angle(np.exp(1j * v[1]))
+    for noise, cov in ((w, MODEL.dynamics.noise.cov), (v, MODEL.sensor.noise.cov)):
+        deviations = np.sqrt(np.diag(cov))
+        flat = noise.reshape(len(cov), -1)
+        count, power = flat.shape[1], np.outer(np.diag(cov), np.diag(cov))
+        assert (np.abs(flat.mean(1)) < 5 * deviations / np.sqrt(count)).all()
+        assert (np.abs(flat @ flat.T / count - cov) < 5 * np.sqrt((power + cov**2) / count)).all()
+        lagged = np.einsum("itr,jtr->ij", noise[:, 1:], noise[:, :-1]) / count
+        assert (np.abs(lagged) < 5 * np.sqrt(power / count)).all()
+
+
+def test_first_states_follow_the_prior(truth):
+    # x_1 has the mean of f under the prior, nearly f at its mean, and covariance F P0 F' + Q to first order, which is good to
+    # a thousandth here; 5 + 5 figures within 5 standard errors of 1000 runs: below 1e-5.
+    x = truth.x[0]
+    mean, F = successor(MODEL.prior.mean), slope(MODEL.prior.mean)
+    variance = np.diag(F @ MODEL.prior.cov @ F.T + MODEL.dynamics.noise.cov)
+    assert (np.abs(x.mean(1) - mean) < 5 * np.sqrt(variance / 1000)).all()
+    assert (np.abs(x.var(1) - variance) < 5 * variance * np.sqrt(2 / 1000)).all()
+
+
+def test_elevation_wraps():
+    """A target straight to the west is seen at pi or -pi: these are the same measurement."""
+    x = np.array([-1000.0, 0.0, 0.0, 0.0, 4e4])[:, None, None]
+    z = np.array([[1000.0, 1000.0], [np.pi - 1e-3, -np.pi + 1e-3]])
+    density = MODEL.sensor.logpdf(z, np.repeat(x, 2, axis=1), 1)[:, 0]
+    assert density[0] == pytest.approx(density[1], rel=1e-9)
+    assert np.isfinite(density).all()
+
+
+def test_trajectories_stay_physical(truth):
+    # The ballistic coefficient walks by sqrt(50 · 10) = 22 from a start 16 standard deviations above zero, and a start of
+    # three quarters of its mean is 4 deviations off: none of 1000 runs comes near zero.
+    x, vx, y, vy, beta = np.moveaxis(truth.x, 1, 0)
+    assert np.isfinite(truth.x).all()
+    assert np.isfinite(truth.y).all()
+    assert beta.min() > 25_000
+    assert np.abs(beta - beta[0]).max() < 6 * 22.4
+    speed = np.hypot(vx, vy)
+    assert (speed[0] > 2200).all()
+    assert (np.diff(y.mean(1)) < 0).all()  # the target comes down, and approaches
+    assert (np.diff(x.mean(1)) < 0).all()
+    assert (speed.mean(1)[-1] < speed.mean(1)[0] / 2).all()  # drag, in the last part
+    assert y.min() > 0
