@@ -11,13 +11,18 @@ from suite.model import AdditiveTransition, StateSpaceModel
 from suite.parameters import parameter
 from suite.particle_filter import ParticleFilter
 from suite.particles import Particles
+from suite.proposal import from_transition
 from suite.random import Generators
 from suite.resampling import SCHEMES, select
 
 
 @dataclass(frozen=True)
 class Auxiliary(ParticleFilter):
-    """Auxiliary particle filter: parents chosen by the likelihood of a point drawn from, or typical of, their transition."""
+    """Auxiliary particle filter: parents chosen by the likelihood of a point drawn from, or typical of, their transition.
+
+    A drawn point, as in the multistatic radar paper, is a poor guide where the sensor is sharper than the transition: the
+    weights divide by the likelihood of that draw, their mean is as it should be but their variance need not be finite.
+    """
 
     name: ClassVar[str] = "auxiliary"
     reference: ClassVar[str] = (
@@ -29,18 +34,18 @@ class Auxiliary(ParticleFilter):
 
     def accepts(self, model: StateSpaceModel) -> str | None:
         if self.look == "mean" and not isinstance(model.dynamics, AdditiveTransition):
-            return "its transition has no mean to look ahead with"
+            return "its transition has no mean to look ahead to; set look=sample"
         return None
 
     def step(self, model: StateSpaceModel, belief: Particles, y: Array, k: int, rng: Generators) -> Particles:
         dynamics, sensor = model.dynamics, model.sensor
-        ahead = dynamics.sample(rng, belief.x, k) if self.look == "sample" else dynamics.mean(belief.x, k)
-        preview = sensor.logpdf(y, ahead, k)
+        look = dynamics.mean if self.look == "mean" else lambda x, k: dynamics.sample(rng, x, k)
+        (preview,) = particles.blockwise(lambda x: (sensor.logpdf(y, look(x, k), k),), belief.x)
         first = particles.weighted(belief.x, belief.logw + preview, particles.all_of(*preview.shape))
         parents = SCHEMES[self.resampling](first.weights, rng)
-        x = dynamics.sample(rng, select(belief.x, parents), k)
-        second = sensor.logpdf(y, x, k) - select(preview[None], parents)[0]
-        return particles.weighted(x, second + (first.loglik - np.log(self.particles))[:, None], parents)
+        x, fit, evidence = particles.blockwise(lambda part: from_transition(model, part, y, k, rng), select(belief.x, parents))
+        evidence = evidence - select(preview[None], parents)[0] + (first.loglik - np.log(self.particles))[:, None]
+        return particles.weighted(x, fit + evidence, parents)
 
 
 ESTIMATORS = (Auxiliary(),)

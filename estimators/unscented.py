@@ -82,6 +82,10 @@ class UnscentedParticle(ParticleFilter):
         log_proposal = -0.5 * (n * np.log(2 * np.pi) + (white * white).sum(0))
         log_proposal -= np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(-1).reshape(runs, count)
         fit = model.sensor.logpdf(y, x, k) + model.dynamics.logpdf(x, origin, k) - log_proposal
+        blind = np.flatnonzero(np.isnan(y).all(0))
+        if len(blind):  # where nothing was measured the transition itself is the best proposal
+            x[:, blind] = model.dynamics.sample(rng.of(blind), origin[:, blind], k)
+            fit[blind] = 0.0
         return x, fit, np.moveaxis(after.cov, 0, -1).reshape(around.shape)
 
     def read(self, belief: UnscentedBelief) -> Readout:

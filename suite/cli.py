@@ -11,8 +11,6 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from rich.markup import escape
-
 import cases
 from estimators import ESTIMATORS
 from suite import parameters, plan, results, score
@@ -83,7 +81,7 @@ def _check(options: argparse.Namespace) -> int:
     broken = []
     for estimator in estimators:
         label, verdicts = parameters.label(estimator), list(examine(estimator, problems))
-        print_table(escape(label), ("check", "cases", "verdict"), summary(verdicts))
+        print_table(label, ("check", "cases", "verdict"), summary(verdicts))
         if any(v.broken for v in verdicts):
             broken.append(label)
     print(f"{len(estimators) - len(broken)} of {len(estimators)} estimators keep all rules")

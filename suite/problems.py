@@ -1,7 +1,8 @@
 """Small problems that every estimator is held against: between them they have what a model may bring along.
 
 Affine and curved functions, angles that wrap, functions of time, gaps that differ from run to run, one component, process
-noise that is singular, a prior that is a point, heavy tails, laws that are no sum of a function and a noise.
+noise that is singular, a prior that is a point, conditionally linear components, heavy tails, laws that are no sum of a
+function and a noise.
 """
 
 import functools
@@ -30,7 +31,7 @@ DISTURBANCE = Gaussian.noise(_on_both_axes([[1 / 3, 1 / 2], [1 / 2, 1.0]]))
 POSITION = Affine(_on_both_axes([[1.0, 0.0]]))
 PRIOR = Gaussian(np.array([-50.0, 0.0, 0.0, 2.0]), np.diag([5.0, 1.0, 5.0, 1.0]) ** 2)
 FIX = AdditiveSensor(POSITION, Gaussian.noise([[4.0, 1.0], [1.0, 9.0]]))
-LINEAR = StateSpaceModel(PRIOR, AdditiveTransition(MOTION, DISTURBANCE), FIX)
+LINEAR = StateSpaceModel(PRIOR, AdditiveTransition(MOTION, DISTURBANCE), FIX, linear=(1, 3))
 
 
 def _bearing_and_range(x: Array, k: int) -> Array:
@@ -106,6 +107,7 @@ PROBLEMS = (
             PRIOR,
             AdditiveTransition(MOTION, DISTURBANCE),
             AdditiveSensor(_bearing_and_range, Gaussian.diagonal([0.05**2, 4.0]), angles=(0,)),
+            linear=(1, 3),
         ),
         "bearing and range, the bearing crossing from pi to -pi",
     ),
@@ -113,7 +115,7 @@ PROBLEMS = (
     _problem(
         "singular",
         StateSpaceModel(
-            PRIOR, AdditiveTransition(MOTION, Gaussian.diagonal([1.0, 1.0]), gain=_on_both_axes([[0.5], [1.0]])), FIX
+            PRIOR, AdditiveTransition(MOTION, Gaussian.diagonal([1.0, 1.0]), gain=_on_both_axes([[0.5], [1.0]])), FIX, (1, 3)
         ),
         "process noise of lower rank than the state",
     ),
@@ -128,7 +130,7 @@ PROBLEMS = (
     ),
     _problem(
         "point",
-        StateSpaceModel(Gaussian(PRIOR.mean, np.zeros((4, 4))), AdditiveTransition(MOTION, DISTURBANCE), FIX),
+        StateSpaceModel(Gaussian(PRIOR.mean, np.zeros((4, 4))), AdditiveTransition(MOTION, DISTURBANCE), FIX, (1, 3)),
         "a prior without any spread",
     ),
     _problem(

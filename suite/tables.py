@@ -29,7 +29,7 @@ def describe(entry: Any) -> str:
 
 def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table; where the output is no terminal, plainly and 160 characters wide."""
-    table = Table(title=title, title_justify="left", title_style="bold")
+    table = Table(title=Text(title), title_justify="left", title_style="bold")
     for name in header:
         table.add_column(name, overflow="fold")
     for row in rows:

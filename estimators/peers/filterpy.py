@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FilterpyBelief:
-    """One filterpy filter a run, and whether the last update used a measurement [R]."""
+    """One filterpy filter a run, and the log-likelihood of the last measurement [R]."""
 
     filters: "tuple[UnscentedKalmanFilter, ...]"
-    updated: tuple[bool, ...]
+    loglik: Array
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,8 @@ class FilterpyUnscented(Filter):
     kappa: float = parameter(0.0, "second spread parameter", low=0)
 
     def accepts(self, model: StateSpaceModel) -> str | None:
+        if not np.diag(model.prior.lower).all():
+            return "its prior has a singular covariance, of which filterpy cannot draw sigma points"
         return additive(model)
 
     def init(self, model: StateSpaceModel, rng: Generators) -> FilterpyBelief:
@@ -46,7 +48,7 @@ class FilterpyUnscented(Filter):
             ukf = UnscentedKalmanFilter(model.n, model.m, 1.0, None, None, points)
             ukf.x, ukf.P = model.prior.mean.copy(), model.prior.cov.copy()
             filters.append(ukf)
-        return FilterpyBelief(tuple(filters), (False,) * rng.runs)
+        return FilterpyBelief(tuple(filters), np.zeros(rng.runs))
 
     def step(self, model: StateSpaceModel, belief: FilterpyBelief, y: Array, k: int, rng: Generators) -> FilterpyBelief:
         dynamics, sensor = model.dynamics, model.sensor
@@ -55,18 +57,21 @@ class FilterpyUnscented(Filter):
         def transition(x: Array, dt: float) -> Array:
             return dynamics.mean(x[:, None], k)[:, 0] + shift
 
-        for ukf, z in zip(belief.filters, y.T, strict=True):
+        loglik = np.zeros(rng.runs)
+        for r, (ukf, z) in enumerate(zip(belief.filters, y.T, strict=True)):
             ukf.Q = cov
-            ukf.predict(fx=transition)
-            _update(ukf, sensor, z, k)
-        return FilterpyBelief(belief.filters, tuple(not np.isnan(z).all() for z in y.T))
+            try:
+                ukf.predict(fx=transition)
+                _update(ukf, sensor, z, k)
+                loglik[r] = 0.0 if np.isnan(z).all() else ukf.log_likelihood
+            except (np.linalg.LinAlgError, ValueError):  # no factor, or no number: this run is lost, the others go on
+                ukf.x = np.full(model.n, np.nan)
+        return FilterpyBelief(belief.filters, loglik)
 
     def read(self, belief: FilterpyBelief) -> Readout:
         mean = np.stack([ukf.x for ukf in belief.filters], axis=-1)
         cov = np.stack([ukf.P for ukf in belief.filters], axis=-1)
-        pairs = zip(belief.filters, belief.updated, strict=True)
-        loglik = np.array([ukf.log_likelihood if updated else 0.0 for ukf, updated in pairs])
-        return Readout(mean, cov, loglik)
+        return Readout(mean, cov, belief.loglik)
 
 
 def _update(ukf: "UnscentedKalmanFilter", sensor: AdditiveSensor, z: Array, k: int) -> None:

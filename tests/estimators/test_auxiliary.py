@@ -94,5 +94,5 @@ def test_only_additive_transitions_have_a_mean_to_look_at():
 
     model = StateSpaceModel(Gaussian([0.0], [[1.0]]), Jump(), Window(1.0))
     assert Auxiliary().accepts(model) is None
-    assert Auxiliary(look="mean").accepts(model) == "its transition has no mean to look ahead with"
+    assert Auxiliary(look="mean").accepts(model) == "its transition has no mean to look ahead to; set look=sample"
     assert Auxiliary(particles=50).run(model, np.zeros((3, 1, 2)), 1).ok.all()

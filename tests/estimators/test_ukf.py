@@ -11,7 +11,7 @@ from estimators.kalman import Kalman
 from estimators.peers.filterpy import FilterpyUnscented
 from estimators.ukf import Unscented
 from suite.case import draw
-from suite.estimator import LOST, StepError
+from suite.estimator import LOST
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian, StudentT
 from tests.oracles import from_west, generators, random_linear, range_bearing
@@ -59,8 +59,7 @@ def test_equals_the_kalman_filter_from_a_known_state(shape):
 
 def test_filterpy_cannot_start_from_a_known_state():
     problem = random_linear(1, 3, 2, 2, dirac=True)
-    with pytest.raises(StepError, match="step 1: LinAlgError"):
-        FilterpyUnscented().run(problem.model, problem.simulate(3, 2)[1])
+    assert "singular" in FilterpyUnscented().accepts(problem.model)
 
 
 @pytest.mark.parametrize("start", [0, 85, 400])

@@ -173,3 +173,10 @@ def test_models_of_the_cases(name):
         step = 1e-5 * np.maximum(spread[:, 0], 0.1)
         scale = np.abs(found).max()
         np.testing.assert_allclose(found, central(lambda s, law=law: law.mean(s, 1), x, h=step), rtol=1e-4, atol=1e-6 * scale)
+
+
+def test_bistatic_range_to_rounding():
+    x = np.random.default_rng(1).uniform(-20_000, 20_000, (6, 30))
+    found = derivative(lambda s: bistatic(s, 1), x)
+    exact = complex_step(lambda s: bistatic(s, 1), x)
+    np.testing.assert_allclose(found, exact, rtol=1e-11, atol=1e-18)
