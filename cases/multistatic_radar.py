@@ -48,6 +48,20 @@ def bistatic(x: Array, k: int) -> Array:
     return np.concat([distance[RECEIVER] + distance[TRANSMITTER], rate[RECEIVER] + rate[TRANSMITTER]])
 
 
+def bistatic_slope(x: Array, k: int) -> Array:
+    """Derivative [8, 6, ...] of `bistatic`: each site adds its unit vector u, and (v - (u v) u) / distance."""
+    sites = SITE_AXES.reshape(3, -1, *(1,) * (x.ndim - 1))
+    away, v = x[:3, None] - sites, x[3:, None]
+    distance = np.sqrt(away[0] * away[0] + away[1] * away[1] + away[2] * away[2])
+    away /= distance
+    rate = away[0] * v[0] + away[1] * v[1] + away[2] * v[2]
+    turn = (v - rate * away) / distance
+    slope = np.zeros((2 * len(PAIRS), *x.shape))
+    slope[: len(PAIRS), :3] = slope[len(PAIRS) :, 3:] = np.swapaxes(away[:, RECEIVER] + away[:, TRANSMITTER], 0, 1)
+    slope[len(PAIRS) :, :3] = np.swapaxes(turn[:, RECEIVER] + turn[:, TRANSMITTER], 0, 1)
+    return slope
+
+
 def observed() -> Array:
     """Which measurement components are there at each step: booleans [T, 8]."""
     there = np.ones((STEPS, 2, len(PAIRS)), bool)
@@ -69,7 +83,11 @@ def flight() -> Array:
     return np.concatenate([position, np.round(np.gradient(position, DT, axis=0), 3)], axis=1)
 
 
-SENSOR = AdditiveSensor(bistatic, Gaussian.diagonal([SIGMA_RANGE**2] * len(PAIRS) + [SIGMA_RATE**2] * len(PAIRS)))
+SENSOR = AdditiveSensor(
+    bistatic,
+    Gaussian.diagonal([SIGMA_RANGE**2] * len(PAIRS) + [SIGMA_RATE**2] * len(PAIRS)),
+    jacobian_of_mean=bistatic_slope,
+)
 
 
 def fly(rng: Generators) -> Truth:
@@ -128,8 +146,8 @@ def recorded_flight(name: str, title: str, vertical: float, words: str, assumpti
             StateBlock("vertical velocity", (5,), "m/s"),
         ),
         divergence=Divergence("horizontal position", limit=1000.0, steps=10),
-        reference="P. Benko, Š. Kulmon, comparison of SIR, auxiliary and regularized particle filters for a multistatic "
-        "radar (in Slovak); flight: J. Sun, openap, PH-LAB flight test data of 20 March 2017",
+        reference="M. Benko, P. Kulmon, Aplikácia časticových filtrov na merania multistatického radaru (in Slovak); "
+        "flight: J. Sun, openap, PH-LAB flight test data of 20 March 2017",
         equations=(
             Equation(
                 "Nearly constant velocity",

@@ -32,7 +32,7 @@ class Progressive(ParticleFilter):
         "P. Bunch, S. Godsill, Approximations of the optimal importance density using Gaussian particle flow importance "
         "sampling, Journal of the American Statistical Association 111(514), 2016, 748-762"
     )
-    particles: int = parameter(200, "number of particles", low=1, high=10_000_000)
+    particles: int = parameter(50, "number of particles; the authors take 200", low=1, high=10_000_000)
     threshold: float = parameter(1.0, "resample below this share of effective particles", low=0, high=1)
     resampling: str = parameter("systematic", "resampling scheme", choices=tuple(SCHEMES))
     gamma: float = parameter(0.0, "diffusion of the flow; 0 moves the particles without noise", low=0)

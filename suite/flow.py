@@ -25,7 +25,7 @@ from suite.resampling import Indices
 DISTANCE = 1e-4
 """Step of the central differences of the sensor's slope, in standard deviations of the process noise."""
 
-BLOCK = 4096
+BLOCK = 1024
 """Particles of all runs carried together: each brings hundreds of numbers along, so these are fewer than elsewhere."""
 
 SHORTEST, LONGEST = 1e-8, 0.5

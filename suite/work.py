@@ -18,6 +18,8 @@ from suite.random import Streams
 FAULTS = (Exception, SystemExit, GeneratorExit)
 """What an estimator may raise and be charged with: all but an interrupt, which is the user's."""
 TIMED_STEPS, TIMED_RUNS, REPEATS = 50, 20, 5
+TIMED_SECONDS = 0.2
+"""About how long a timed call may take: slow estimators are timed over fewer steps."""
 
 
 @dataclass(frozen=True)
@@ -131,11 +133,12 @@ class Timing:
 def measure_time(case: Case, estimator: Estimator, seed: int) -> Timing:
     """Time an estimator on the first steps of a case: single runs for latency, batches for throughput.
 
-    Each call is warm: a short one goes before. Run it alone on the machine, in one thread.
+    Each call is warm: two short ones go before. Run it alone on the machine, in one thread.
     """
     try:
         y = simulated(case, seed, 0, TIMED_RUNS).y[:TIMED_STEPS]
-        estimator.run(case.model, y[:5, :, :1].copy(), seed)
+        first = [_timed_call(case, estimator, y[:3, :, :1], seed) for _ in range(2)][1]
+        y = y[: max(3, int(TIMED_SECONDS / (TIMED_RUNS * np.median(first) + 1e-9)))]
         columns = [_timed_call(case, estimator, y[:, :, r : r + 1], seed + r) for r in range(REPEATS)]
         columns += [_timed_call(case, estimator, y, seed + r) for r in range(REPEATS)]
     except FAULTS as error:

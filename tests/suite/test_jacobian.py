@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cases import CASES
-from cases.multistatic_radar import bistatic
+from cases.multistatic_radar import bistatic, bistatic_slope
 from suite.jacobian import _PARTIALS, Dual, derivative
 from suite.model import AdditiveSensor, AdditiveTransition
 
@@ -180,3 +180,4 @@ def test_bistatic_range_to_rounding():
     found = derivative(lambda s: bistatic(s, 1), x)
     exact = complex_step(lambda s: bistatic(s, 1), x)
     np.testing.assert_allclose(found, exact, rtol=1e-11, atol=1e-18)
+    np.testing.assert_allclose(bistatic_slope(x, 1), exact, rtol=1e-11, atol=1e-18)
