@@ -153,7 +153,10 @@ class AdditiveSensor:
     def logpdf(self, z: Array, x: Array, k: int) -> Array:
         """Log-density of y_k = z[m, R] given x_k = x[n, R, ...]: [R, ...]; missing components drop out."""
         expected = self.mean(x, k)
-        error = self.residual(z.reshape(*z.shape, *(1,) * (expected.ndim - z.ndim)), expected)
+        return self.noise_logpdf(z, self.residual(z.reshape(*z.shape, *(1,) * (expected.ndim - z.ndim)), expected))
+
+    def noise_logpdf(self, z: Array, error: Array) -> Array:
+        """Log-density of the noise at error[m, R, ...], over those components that are not NaN in z[m, R]: [R, ...]."""
         if not np.isnan(z).any():
             return self.noise.logpdf(error)
         total = np.zeros(error.shape[1:])

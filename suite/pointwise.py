@@ -32,7 +32,7 @@ def transposed_times(matrix: Array, x: Array) -> Array:
 def cholesky(matrix: Array) -> Array:
     """Lower Cholesky factor of matrix[m, m, ...]; NaN where it is not positive definite."""
     m = len(matrix)
-    lower = np.zeros_like(matrix)
+    lower = np.zeros(matrix.shape)  # unlike zeros_like, it leaves untouched what is never used
     for j in range(m):
         pivot = matrix[j, j] - dot(lower[j, :j], lower[j, :j]) if j else matrix[j, j]
         np.sqrt(pivot, out=lower[j, j])

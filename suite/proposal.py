@@ -48,8 +48,8 @@ class Linearised:
     """Where each particle is predicted to be, the linear sensor there, and the measurement.
 
     predicted[n, R, N]; slope, the m rows of the sensor's Jacobian H there; cross, the m rows of H Q; error[m, R, N],
-    measurement minus prediction; lower[m, m, R, N], Cholesky factor of S; noise[m, m, R, 1], that of R. Components that were
-    not observed have slope 0, error 0 and unit variance of their own: they drop out of all that follows.
+    measurement minus prediction; lower[m, m, R, N], Cholesky factor of S. Components that were not observed have slope 0,
+    error 0 and unit variance of their own: they drop out of all that follows.
     """
 
     model: StateSpaceModel
@@ -60,7 +60,6 @@ class Linearised:
     cross: list[Row]
     error: Array
     lower: Array
-    noise: Array
 
     def draw(self, rng: Generators) -> Array:
         """One draw [n, R, N] for each particle, by Matheron's rule: a prior draw, moved by its simulated residual.
@@ -83,18 +82,16 @@ class Linearised:
 
     def fit(self, x: Array) -> Array:
         """log p(y | x) - log N(linear residual; 0, R) [R, N]: how far the likelihood at x is from the linear sensor's."""
+        sensor = self.model.sensor
+        assert isinstance(sensor, AdditiveSensor)
         rest = self.error - _times(self.slope, x - self.predicted)
-        return self.model.sensor.logpdf(self.y, x, self.k) - self._log_normal(self.noise, rest)
+        return sensor.logpdf(self.y, x, self.k) - sensor.noise_logpdf(self.y, rest)
 
     def evidence(self) -> Array:
         """log N(nu; 0, S) [R, N]: likelihood of the measurement under the linear sensor, given the parent."""
-        return self._log_normal(self.lower, self.error)
-
-    def _log_normal(self, lower: Array, e: Array) -> Array:
-        """log N(e; 0, L L') over the components observed [R, N]."""
-        white = pointwise.solve_lower(lower, e)
+        white = pointwise.solve_lower(self.lower, self.error)
         constant = -0.5 * np.log(2 * np.pi) * np.isfinite(self.y).sum(0)[:, None]
-        return np.asarray(constant - 0.5 * pointwise.dot(white, white) - pointwise.log_diagonal(lower))
+        return np.asarray(constant - 0.5 * pointwise.dot(white, white) - pointwise.log_diagonal(self.lower))
 
 
 def accepts(model: StateSpaceModel) -> str | None:
@@ -138,7 +135,7 @@ def linearise(model: StateSpaceModel, x: Array, y: Array, k: int) -> Linearised:
     spread = np.empty((len(y), len(y), *x.shape[1:]))  # S, its lower triangle
     for i, j in zip(*np.tril_indices(len(y)), strict=True):
         spread[i, j] = _dot(cross[i], rows[j]) + noise[i, j]
-    return Linearised(model, y, k, predicted, rows, cross, error, pointwise.cholesky(spread), pointwise.cholesky(noise))
+    return Linearised(model, y, k, predicted, rows, cross, error, pointwise.cholesky(spread))
 
 
 def _sparse(entries: Array) -> Row:
