@@ -37,7 +37,7 @@ CASES = (
         steps=STEPS,
         interval=1.0,
         state=("x",),
-        blocks=(StateBlock("state", (0,), "1"),),
+        blocks=(StateBlock("state", (0,), ""),),
         # The state stays within about 25 of zero: this is the wrong sign, for many steps on end.
         divergence=Divergence("state", limit=20.0, steps=5),
         reference="M. S. Arulampalam, S. Maskell, N. Gordon, T. Clapp, A tutorial on particle filters for online "
@@ -56,7 +56,7 @@ CASES = (
             "A run has diverged when it is off by more than 20 for 5 steps on end.",
         ),
         published=tuple(
-            Published(method, "root mean square error of the state", value, "1", "section VI, table of errors", note)
+            Published(method, "root mean square error of the state", value, "", "section VI, table of errors", note)
             for method, value, note in (
                 ("extended Kalman filter", 23.19, ""),
                 ("approximate grid filter", 6.09, "50 cells"),

@@ -24,7 +24,7 @@ class Guided(ParticleFilter):
         "Statistics and Computing 10, 2000, 197-208"
     )
     threshold: float = parameter(0.6, "resample below this share of effective particles", low=0, high=1)
-    resampling: str = parameter("systematic", "resampling scheme", choices=tuple(SCHEMES))
+    resampling: str = parameter("multinomial", "resampling scheme", choices=tuple(SCHEMES))
 
     def accepts(self, model: StateSpaceModel) -> str | None:
         return proposal.accepts(model)

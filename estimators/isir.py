@@ -21,10 +21,11 @@ class Isir(ParticleFilter):
 
     name: ClassVar[str] = "isir"
     reference: ClassVar[str] = (
-        "A. A. Pavlov, M. G. S. Bruno, tracking of a ballistic target by particle filters (in Portuguese), Table I"
+        "A. Pavlov, M. G. S. Bruno, Filtro de partículas aperfeiçoado para rastreamento de alvos com coeficiente balístico "
+        "variável (in Portuguese), Tables I and II"
     )
     threshold: float = parameter(0.6, "resample and move below this share of effective particles", low=0, high=1)
-    resampling: str = parameter("systematic", "resampling scheme", choices=tuple(SCHEMES))
+    resampling: str = parameter("multinomial", "resampling scheme", choices=tuple(SCHEMES))
 
     def accepts(self, model: StateSpaceModel) -> str | None:
         return proposal.accepts(model)

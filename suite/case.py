@@ -14,13 +14,23 @@ from suite.model import Sensor, StateSpaceModel
 from suite.random import Generators, Streams
 
 
+def with_unit(words: str, unit: str) -> str:
+    """Words, with the unit in brackets where there is one."""
+    return f"{words} ({unit})" if unit else words
+
+
 @dataclass(frozen=True)
 class StateBlock:
-    """A named group of state components that share a unit, such as position in metres."""
+    """A named group of state components that share a unit, such as position in metres; "" where there is none."""
 
     name: str
     components: tuple[int, ...]
     unit: str
+
+    @property
+    def title(self) -> str:
+        """Name, with the unit in brackets where there is one."""
+        return with_unit(self.name, self.unit)
 
 
 @dataclass(frozen=True)

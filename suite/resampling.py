@@ -26,8 +26,10 @@ def multinomial(weights: Array, rng: Generators) -> Indices:
     sums = np.cumsum(rng.standard_exponential((1, runs, count + 1))[0], axis=1)
     points = sums[:, :-1] * (count / sums[:, -1:])
     cumulative = _cumulative(weights)
-    ends = [np.searchsorted(p, c) for p, c in zip(points, cumulative, strict=True)]
-    return _carried(np.asarray(ends, float), cumulative)
+    # Both are sorted, and to merge them takes half the time of a search for each.
+    merged = np.argsort(np.concat([cumulative, points], axis=1), axis=1, kind="stable")
+    places = np.nonzero(merged < count)[1].reshape(runs, count)
+    return _carried(np.asarray(places - np.arange(count), float), cumulative)
 
 
 def residual(weights: Array, rng: Generators) -> Indices:

@@ -16,7 +16,7 @@ from suite.metrics import METRICS
 def describe(entry: Any) -> str:
     """What a case, a metric or an estimator is, with the parameters it takes."""
     if isinstance(entry, Case):
-        blocks = ", ".join(f"{b.name} ({b.unit})" for b in entry.blocks)
+        blocks = ", ".join(b.title for b in entry.blocks)
         return f"{entry.title}; {entry.steps} steps; {blocks}"
     if entry.name in METRICS and entry is METRICS[entry.name]:
         better = entry.better if isinstance(entry.better, str) else f"target {entry.better:g}"

@@ -15,6 +15,7 @@ from reports.sentences import diverged
 from reports.series import Series, Tracks
 from reports.text import count, listed, number, tick
 from reports.views import PERCENT, CaseView, CellView, Key
+from suite.case import with_unit
 from suite.metrics import METRICS
 from suite.results import CaseResults
 
@@ -122,7 +123,7 @@ def _figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str, Ma
     for i, block in enumerate(results.card.blocks):
         lines = errors.get(block.name, [])
         title = f"RMSE of {block.name} over time"
-        yield _over_time(lines, marks, f"rmse-{i}", title, f"RMSE ({block.unit})")
+        yield _over_time(lines, marks, f"rmse-{i}", title, with_unit("RMSE", block.unit))
     lines = series.consistency(results, labels)
     title = "Normalised estimation error squared over time"
     yield _over_time(lines, marks, "nees", title, "NEES", METRICS["nees"].better)
