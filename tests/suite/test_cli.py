@@ -238,6 +238,15 @@ def test_names_that_the_terminal_cannot_show(shell, tmp_path):
     assert "stored already in m\\xfcller" in said.out
 
 
+@pytest.fixture
+def heeding_interrupts():
+    """Where the tests run in the background Ctrl-C is ignored, and what they start inherits that."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heeding_interrupts")
 def test_an_interrupt_keeps_whole_blocks_and_says_one_line(tmp_path, files):
     """Ctrl-C reaches the command and its workers alike: while the workers start, and while they work."""
     results = tmp_path / "results"
