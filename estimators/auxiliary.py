@@ -33,14 +33,21 @@ class Auxiliary(ParticleFilter):
     resampling: str = parameter("systematic", "resampling scheme", choices=tuple(SCHEMES))
 
     def accepts(self, model: StateSpaceModel) -> str | None:
+        if reason := super().accepts(model):
+            return reason
         if self.look == "mean" and not isinstance(model.dynamics, AdditiveTransition):
             return "its transition has no mean to look ahead to; set look=sample"
         return None
 
     def step(self, model: StateSpaceModel, belief: Particles, y: Array, k: int, rng: Generators) -> Particles:
         dynamics, sensor = model.dynamics, model.sensor
-        look = dynamics.mean if self.look == "mean" else lambda x, k: dynamics.sample(rng, x, k)
-        (preview,) = particles.blockwise(lambda x: (sensor.logpdf(y, look(x, k), k),), belief.x)
+
+        def look(x: Array) -> Array:
+            if self.look == "mean":
+                return dynamics.mean(x, k) + dynamics.noise_mean(k)[:, None, None]
+            return dynamics.sample(rng, x, k)
+
+        (preview,) = particles.blockwise(lambda x: (sensor.logpdf(y, look(x), k),), belief.x)
         first = particles.weighted(belief.x, belief.logw + preview, particles.all_of(*preview.shape))
         parents = SCHEMES[self.resampling](first.weights, rng)
         x, fit, evidence = particles.blockwise(lambda part: from_transition(model, part, y, k, rng), select(belief.x, parents))

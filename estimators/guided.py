@@ -27,7 +27,7 @@ class Guided(ParticleFilter):
     resampling: str = parameter("multinomial", "resampling scheme", choices=tuple(SCHEMES))
 
     def accepts(self, model: StateSpaceModel) -> str | None:
-        return proposal.accepts(model)
+        return super().accepts(model) or proposal.accepts(model)
 
     def step(self, model: StateSpaceModel, belief: Particles, y: Array, k: int, rng: Generators) -> Particles:
         start = particles.resample(belief, SCHEMES[self.resampling], self.threshold, rng)

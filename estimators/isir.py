@@ -28,7 +28,7 @@ class Isir(ParticleFilter):
     resampling: str = parameter("multinomial", "resampling scheme", choices=tuple(SCHEMES))
 
     def accepts(self, model: StateSpaceModel) -> str | None:
-        return proposal.accepts(model)
+        return super().accepts(model) or proposal.accepts(model)
 
     def init(self, model: StateSpaceModel, rng: Generators) -> Moving:
         return move.start(super().init(model, rng))

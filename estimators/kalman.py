@@ -8,6 +8,7 @@ from suite.estimator import Filter, Readout
 from suite.gaussian import GaussianBelief
 from suite.linalg import Array
 from suite.model import StateSpaceModel, is_linear_gaussian
+from suite.noise import Gaussian
 from suite.random import Generators
 
 
@@ -28,6 +29,8 @@ class Kalman(Filter):
         return gaussian.prior(model, rng.runs)
 
     def step(self, model: StateSpaceModel, belief: GaussianBelief, y: Array, k: int, rng: Generators) -> GaussianBelief:
+        if not isinstance(model.dynamics.noise_at(k), Gaussian):
+            raise ValueError("the process noise of this step is not Gaussian, as that of the first is")
         predicted = gaussian.predict(gaussian.affine, belief, model.dynamics, k)
         return gaussian.update(gaussian.affine, predicted, model.sensor, y, k)
 

@@ -21,7 +21,7 @@ class Unscented(Filter):
         "S. J. Julier, J. K. Uhlmann, Unscented filtering and nonlinear estimation, Proceedings of the IEEE 92(3), "
         "2004, 401-422"
     )
-    alpha: float = parameter(1.0, "spread of the sigma points", above=0, high=1)
+    alpha: float = parameter(1.0, "spread of the sigma points", low=1e-6, high=1)
     beta: float = parameter(2.0, "extra weight of the central point in covariances; 2 suits a Gaussian", low=0)
     kappa: float = parameter(0.0, "second spread parameter", low=0)
 

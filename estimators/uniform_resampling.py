@@ -79,11 +79,12 @@ class UniformResampling(ParticleFilter):
             return inside.min(-1, keepdims=True), inside.max(-1, keepdims=True)
         weights = belief.weights[start.runs]
         kept = self.kept(weights)
-        inside = select(belief.x[:, start.runs], kept)
+        inside, share = select(belief.x[:, start.runs], kept), np.take_along_axis(weights, kept, axis=1)
+        alive = share > 0  # where fewer than `keep` have any weight, the rest of the kept are arbitrary
         if self.box == "kept":
-            return inside.min(-1, keepdims=True), inside.max(-1, keepdims=True)
-        share = np.take_along_axis(weights, kept, axis=1)
-        share = share / share.sum(1, keepdims=True)
+            low, high = np.where(alive, inside, np.inf), np.where(alive, inside, -np.inf)
+            return low.min(-1, keepdims=True), high.max(-1, keepdims=True)
+        inside, share = np.where(alive, inside, 0.0), share / share.sum(1, keepdims=True)
         mean = (inside * share).sum(-1, keepdims=True)
         half = np.sqrt(3 * ((inside - mean) ** 2 * share).sum(-1, keepdims=True))
         return mean - half, mean + half

@@ -45,12 +45,12 @@ class UnscentedParticle(ParticleFilter):
     threshold: float = parameter(1.0, "resample below this share of effective particles", low=0, high=1)
     resampling: str = parameter("residual", "resampling scheme", choices=tuple(SCHEMES))
     carried: float = parameter(1.0, "share of its covariance that a particle's filter starts from", low=0, high=1)
-    alpha: float = parameter(1.0, "spread of the sigma points", above=0, high=1)
+    alpha: float = parameter(1.0, "spread of the sigma points", low=1e-6, high=1)
     beta: float = parameter(0.0, "extra weight of the central point in covariances", low=0)
     kappa: float = parameter(2.0, "second spread parameter", low=0)
 
     def accepts(self, model: StateSpaceModel) -> str | None:
-        return gaussian.additive(model) or needs_density(model)
+        return super().accepts(model) or gaussian.additive(model) or needs_density(model)
 
     def init(self, model: StateSpaceModel, rng: Generators) -> UnscentedBelief:
         begin = super().init(model, rng)

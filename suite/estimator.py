@@ -27,7 +27,7 @@ class Estimate:
     effective sample size; ancestors[T, R], particles of the step before with offspring; acceptance[T, R], share of
     particles moved, NaN where no move was tried; innovation[T, m, R], measurement minus its prediction, whitened by its
     covariance; status[R], one of ok, lost, failed, with reason[R]; seconds[T, R], time of a step divided by the runs computed
-    together, and batch[R], how many these were.
+    together; batch[R], how many runs were computed in the call.
     """
 
     mean: Array

@@ -18,7 +18,7 @@ from suite import pointwise
 from suite.linalg import Array, apply
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel, outage_patterns
 from suite.noise import Gaussian
-from suite.proposal import Proposed
+from suite.proposal import Proposed, centred_noise
 from suite.random import Generators
 from suite.resampling import Indices
 
@@ -28,8 +28,7 @@ DISTANCE = 1e-4
 BLOCK = 1024
 """Particles of all runs carried together: each brings hundreds of numbers along, so these are fewer than elsewhere."""
 
-SHORTEST, LONGEST = 1e-8, 0.5
-"""Lengths between which a pseudo-time step is sought."""
+SHORTEST, LONGEST = 1e-8, 0.5  # lengths between which a pseudo-time step is sought
 
 
 @dataclass(frozen=True)
@@ -206,7 +205,9 @@ class Control:
     """How the flow is cut into pseudo-time steps, and its diffusion `gamma`.
 
     A run's step is taken when its error is at most `tolerance` for every particle, in standard deviations of the law there,
-    and it folds space at none; or when it is so short that with shorter ones the end would not be reached in `steps` tries.
+    or when it is so short that with shorter ones the end would not be reached in `steps` tries. One that folds space at some
+    particle is never taken: several points would land on one, which the weights do not know. After a fold the flow may stop
+    short of the end when the tries run out; the weights hold wherever it stops.
     `first`: length of the first try.
     """
 
@@ -224,13 +225,12 @@ def propose(model: StateSpaceModel, x: Array, y: Array, k: int, rng: Generators,
     """Draws [n, R, N] from the transition of x[n, R, N], carried by the flow; their fit [R, N] is the log of the weight.
 
     The weight is p(y | x1) N(z1; 0, I) / N(z0; 0, I) times the volume of each step, over the change of the law there by
-    its diffusion. A particle whose path leaves the numbers, or on whose path a step folds space, has weight zero.
+    its diffusion. A particle whose path leaves the numbers has weight zero.
     """
     dynamics, sensor = model.dynamics, model.sensor
     assert isinstance(dynamics, AdditiveTransition)
     assert isinstance(sensor, AdditiveSensor)
-    noise, measured = dynamics.noise_at(k), sensor.noise
-    assert isinstance(noise, Gaussian)
+    noise, measured = centred_noise(dynamics, k), sensor.noise
     assert isinstance(measured, Gaussian)
     spread = noise.lower if dynamics.gain is None else dynamics.gain @ noise.lower
     predicted = dynamics.mean(x, k)
@@ -252,12 +252,13 @@ def _carried(step: Standard, z: Array, rng: Generators, control: Control) -> tup
     """Where the flow carries z[q, R, N] from pseudo-time 0 to 1, and what the log-weights gain on the way [R, N]."""
     z, gained, at = z.copy(), np.zeros(z.shape[1:]), step.tangent(z)
     time, length = np.zeros(len(gained)), np.full(len(gained), control.first)
+    hurried = np.ones(len(gained), bool)  # until a step folds, the end is to be reached
     for left in range(control.steps, 0, -1):
         live = np.flatnonzero(time < 1)
         if not len(live):
             break
         start, old, here = time[live, None], at.of(live), step.of(live)
-        shortest = np.maximum(start ** (1 - 1 / left), SHORTEST)
+        shortest = np.where(hurried[live, None], np.maximum(start ** (1 - 1 / left), SHORTEST), start + SHORTEST)
         end = np.clip(start + length[live, None], shortest, 1.0)
         there = old.flow(start, end)
         moved = pointwise.times(old.axes, there)
@@ -270,8 +271,8 @@ def _carried(step: Standard, z: Array, rng: Generators, control: Control) -> tup
         if not len(taken):
             continue
         volume = here.of(taken).log_volume(z[:, live[taken]], old.of(taken), start[taken], end[taken])
-        folded = (~np.isfinite(volume) & np.isfinite(moved[0, taken])).any(1) & ~forced[taken]
-        length[live[taken[folded]]] = 0.5 * tried[taken[folded]]
+        folded = (~np.isfinite(volume) & np.isfinite(moved[0, taken])).any(1)
+        length[live[taken[folded]]], hurried[live[taken[folded]]] = 0.5 * tried[taken[folded]], False
         taken, volume = taken[~folded], volume[~folded]
         runs, new, moved = live[taken], new.of(taken), moved[:, taken]
         gained[runs] += volume

@@ -58,6 +58,14 @@ class Dual(NDArrayOperatorsMixin):
     def __len__(self) -> int:
         return len(self.value)
 
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise TypeError(f"no derivative is known for the method {name} of an array; give the Jacobian analytically")
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise TypeError("no derivative is known where an array is filled by hand; use numpy.stack or give the Jacobian")
+
     def __getitem__(self, index: Any) -> "Dual":
         found = {j: _compact(np.broadcast_to(t, self.shape)[index]) for j, t in self.tangents.items()}
         return Dual(self.value[index], {j: t for j, t in found.items() if t.size > 1 or t.any()})

@@ -36,7 +36,7 @@ class Marginal:
         known, count = self.particles, len(self.linear)
         n = len(known.x) - count * (count + 1) // 2
         mean, cov = Particles(known.x[:n], known.logw, known.weights, known.loglik, known.ancestors).moments
-        within = np.vecdot(known.x[n:], known.weights)
+        within = np.vecdot(np.where(known.weights > 0, known.x[n:], 0.0), known.weights)
         rows, columns = np.tril_indices(count)
         for i, j, average in zip(np.take(self.linear, rows), np.take(self.linear, columns), within, strict=True):
             cov[i, j] += average
@@ -114,14 +114,14 @@ def update(model: StateSpaceModel, x: Array, y: Array, k: int) -> tuple[Array, A
         slope = np.where(seen[:, None, :, None], slope, 0.0)
     error, slope, variances = _decorrelated(error, slope, sensor.noise.cov, seen)
     shift = [np.zeros(x.shape[1:]) for _ in linear]
-    squares, determinant = np.zeros(x.shape[1:]), np.ones(x.shape[1:])
+    squares, log_determinant = np.zeros(x.shape[1:]), np.zeros(x.shape[1:])
     for e, row, variance in zip(error, slope, variances, strict=True):
         half = [pointwise.combine(row, entries) for entries in cov]
         total = variance + pointwise.combine(row, half)
         rest = e - pointwise.combine(row, shift)
         scaled = rest / total
         squares += rest * scaled
-        determinant *= total
+        log_determinant += np.log(total)
         if row.any():
             for i, part in enumerate(half):
                 shift[i] += part * scaled
@@ -130,7 +130,7 @@ def update(model: StateSpaceModel, x: Array, y: Array, k: int) -> tuple[Array, A
                     cov[i][j] -= share * half[j]
     for i, moved in zip(linear, shift, strict=True):
         state[i] += moved
-    return x, -0.5 * (squares + np.log(determinant) + np.log(2 * np.pi) * seen.sum(0)[:, None])
+    return x, -0.5 * (squares + log_determinant + np.log(2 * np.pi) * seen.sum(0)[:, None])
 
 
 def _draw(rng: Generators, mean: Array, joint: Array, order: tuple[int, ...], count: int) -> Array:

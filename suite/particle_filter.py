@@ -7,6 +7,7 @@ from suite.estimator import Filter, Readout
 from suite.model import StateSpaceModel
 from suite.parameters import parameter
 from suite.particles import Particles
+from suite.proposal import has_likelihood
 from suite.random import Generators
 
 
@@ -15,6 +16,10 @@ class ParticleFilter(Filter):
     """Base of particle filters: give `step`; the belief is `Particles` unless `init` and `read` say otherwise."""
 
     particles: int = parameter(1000, "number of particles", low=1, high=10_000_000)
+
+    def accepts(self, model: StateSpaceModel) -> str | None:
+        """None when measurements have a likelihood to weigh particles by, otherwise the reason why not."""
+        return has_likelihood(model)
 
     def runs_at_once(self, model: StateSpaceModel) -> int:
         """As many runs as fill the processor's cache."""

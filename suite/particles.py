@@ -104,6 +104,10 @@ def weighted(x: Array, logw: Array, parents: Indices, acceptance: Array | None =
     weights = np.exp(logw - top[:, None])
     total = weights.sum(-1)
     weights /= total[:, None]
+    if not np.isfinite(np.vecdot(x, weights)).all():  # a particle that left the numbers unseen by the sensor is impossible too
+        gone = ~np.isfinite(x).all(0) & (logw > -np.inf)
+        if gone.any():
+            return weighted(x, np.where(gone, -np.inf, logw), parents, acceptance)
     loglik = np.where(top == -np.inf, top, top + np.log(total))
     ancestors = 1.0 + np.count_nonzero(parents[:, 1:] != parents[:, :-1], axis=1)
     return Particles(x, logw - loglik[:, None], weights, loglik, ancestors, acceptance)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from suite import pointwise
+from suite.errors import one_line
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian
@@ -102,6 +103,30 @@ def accepts(model: StateSpaceModel) -> str | None:
         noise = law.noise_at(1) if isinstance(law, AdditiveTransition) else law.noise
         if not isinstance(noise, Gaussian) or noise.mean.any():
             return f"its {part} noise is not Gaussian with mean zero"
+    at = model.prior.mean[:, None, None]
+    try:
+        with np.errstate(all="ignore"):
+            model.sensor.linearised(at, 1)  # type: ignore[attr-defined]
+    except Exception as error:
+        return f"its sensor cannot be differentiated: {one_line(error)}"
+    return None
+
+
+def centred_noise(dynamics: AdditiveTransition, k: int) -> Gaussian:
+    """The law of w_k. Raises ValueError when at this step it is not Gaussian with mean zero, as it was at the first."""
+    noise = dynamics.noise_at(k)
+    if not isinstance(noise, Gaussian) or noise.mean.any():
+        raise ValueError("the process noise of this step is not Gaussian with mean zero, as that of the first is")
+    return noise
+
+
+def has_likelihood(model: StateSpaceModel) -> str | None:
+    """None when measurements have a density given the state, otherwise why there is nothing to weigh particles by."""
+    try:
+        with np.errstate(all="ignore"):
+            model.sensor.logpdf(np.zeros((model.m, 1)), model.prior.mean[:, None, None], 1)
+    except ValueError as error:
+        return f"its measurements have no likelihood: {one_line(error)}"
     return None
 
 
@@ -120,6 +145,7 @@ def linearise(model: StateSpaceModel, x: Array, y: Array, k: int) -> Linearised:
     dynamics, sensor = model.dynamics, model.sensor
     assert isinstance(dynamics, AdditiveTransition)
     assert isinstance(sensor, AdditiveSensor)
+    centred_noise(dynamics, k)
     predicted = dynamics.mean(x, k)
     expected, slope = sensor.linearised(predicted, k)
     error = sensor.residual(y[:, :, None], expected)

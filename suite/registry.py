@@ -144,8 +144,11 @@ def _checked_estimator(entry: object, origin: str) -> Estimator:
     if isinstance(entry, type):
         raise BadInput(f"plug-in {origin}: ESTIMATORS holds the class {entry.__name__}, not an instance")
     for attribute in ("name", "reference", "accepts", "run"):
-        if not hasattr(entry, attribute):
-            raise BadInput(f"plug-in {origin}: ESTIMATORS holds {entry!r} without {attribute!r}")
+        try:
+            getattr(entry, attribute)
+        except Exception as error:  # a property may raise anything
+            what = f"an entry of type {type(entry).__name__} without a readable {attribute!r}"
+            raise BadInput(f"plug-in {origin}: ESTIMATORS holds {what}: {one_line(error)}") from None
     estimator: Estimator = entry  # type: ignore[assignment]
     _check_name(estimator.name, origin)
     if not isinstance(estimator.reference, str):
@@ -154,7 +157,7 @@ def _checked_estimator(entry: object, origin: str) -> Estimator:
         parameters.check(estimator)
     except BadInput as error:
         raise BadInput(f"plug-in {origin}: {error}") from None
-    except NameError as error:  # an annotation that cannot be read
+    except Exception as error:  # an annotation or a range that cannot be read
         raise BadInput(f"plug-in {origin}: the parameters of {estimator.name} have no types: {one_line(error)}") from None
     return estimator
 

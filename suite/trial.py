@@ -105,18 +105,20 @@ def measured(case: Case) -> tuple[Case, Array]:
     """A case with the first of its measurements, y[T, m, R]. Raises BadInput when it does not simulate."""
     try:
         return case, np.asarray(case.simulate(RUNS, seed=1).y, float)[:STEPS]
-    except Exception as error:
+    except FAULTS as error:
         raise BadInput(f"case {case.name} does not simulate: {one_line(error)}") from error
 
 
 def opinion(estimator: Estimator, case: Case) -> str | None:
     """What `accepts` says of a case's model. Raises Finding when it is neither None nor text, or the model changed."""
-    model = copy.deepcopy(case.model)
+    model, written = copy.deepcopy(case.model), io.StringIO()
     try:
-        with contextlib.redirect_stdout(io.StringIO()), np.errstate(all="ignore"):
+        with contextlib.redirect_stdout(written), contextlib.redirect_stderr(written), np.errstate(all="ignore"):
             reason = estimator.accepts(model)
     except FAULTS as error:
         raise Finding(f"accepts raised {one_line(error)} for the model of {case.name}") from error
+    if written.getvalue():
+        raise Finding(f"accepts wrote {' '.join(written.getvalue().split())[:200]!r}")
     if reason is not None and not (isinstance(reason, str) and reason.strip()):
         raise Finding(f"accepts returned {reason!r} for the model of {case.name}")
     if changed := difference(numbers(case.model), numbers(model)):

@@ -7,9 +7,10 @@ import pytest
 
 from cases import CASES
 from estimators.auxiliary import Auxiliary
+from estimators.kalman import Kalman
 from suite.case import draw
 from suite.estimator import LOST
-from suite.model import AdditiveTransition, Affine, StateSpaceModel
+from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
 from tests.estimators.references import PAIR, SIDES, on_a_grid, repeated, unbiased
 from tests.oracles import filterpy_kalman, generators
@@ -96,3 +97,18 @@ def test_only_additive_transitions_have_a_mean_to_look_at():
     assert Auxiliary().accepts(model) is None
     assert Auxiliary(look="mean").accepts(model) == "its transition has no mean to look ahead to; set look=sample"
     assert Auxiliary(particles=50).run(model, np.zeros((3, 1, 2)), 1).ok.all()
+
+
+@pytest.mark.parametrize("look", ["sample", "mean"])
+def test_the_look_ahead_counts_the_mean_of_the_noise(look):
+    """With noise that moves the state by 5, a look that forgot it would pick parents by how unlikely they are."""
+    model = StateSpaceModel(
+        Gaussian.noise([[1.0]]),
+        AdditiveTransition(Affine([[1.0]]), Gaussian([5.0], [[1.0]])),
+        AdditiveSensor(Affine([[1.0]]), Gaussian.noise([[1.0]])),
+    )
+    y = np.array([5.0, 10.0, 15.0])[:, None, None]
+    exact = Kalman().run(model, y)
+    estimate = Auxiliary(particles=20_000, look=look).run(model, y, 1)
+    np.testing.assert_allclose(estimate.mean, exact.mean, atol=0.1)
+    np.testing.assert_allclose(estimate.loglik, exact.loglik, atol=0.1)

@@ -418,3 +418,28 @@ class Other:
 )
 def test_what_it_accepts(model, reason):
     assert RaoBlackwellised().accepts(model) == reason
+
+
+def test_a_particle_of_weight_zero_costs_nothing():
+    """A sensor that is no number for negative u leaves the linear part of such a particle without one, too."""
+
+    def look(x, k):
+        return np.stack([np.sqrt(x[0]) * x[1], x[0]])
+
+    model = StateSpaceModel(
+        Gaussian([1.0, 2.0], np.eye(2)),
+        AdditiveTransition(Affine(np.eye(2)), Gaussian.diagonal([0.3, 0.1])),
+        AdditiveSensor(look, Gaussian.diagonal([0.1, 0.5])),
+        linear=(1,),
+    )
+    assert RaoBlackwellised().run(model, np.tile([[1.9], [1.1]], (4, 1, 2)), 1).ok.all()
+
+
+@pytest.mark.parametrize("variance", [1e-6, 1e6])
+def test_many_measurements_neither_overflow_nor_vanish(variance):
+    sensor = AdditiveSensor(Affine(np.ones((60, 2))), Gaussian.diagonal([variance] * 60))
+    dynamics = AdditiveTransition(Affine(np.eye(2)), Gaussian.diagonal([0.1, 0.1]))
+    model = StateSpaceModel(Gaussian.noise(np.eye(2)), dynamics, sensor, linear=(0, 1))
+    y = np.zeros((2, 60, 1))
+    exact = Kalman().run(model, y)
+    np.testing.assert_allclose(RaoBlackwellised(particles=3).run(model, y).loglik, exact.loglik, rtol=1e-6)

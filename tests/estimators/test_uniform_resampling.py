@@ -103,3 +103,19 @@ def test_estimates_are_those_of_a_grid_filter_that_does_the_same(box):
     right = on_a_grid(grid, WALK, y)
     worst = np.abs(scores(estimate.cov[:, 0, 0], right[1][:, 0])).max()
     assert worst > 20
+
+
+@pytest.mark.parametrize("box", ["kept", "survivors", "deviations"])
+@pytest.mark.parametrize("dead", [1e6, np.nan])
+def test_particles_of_weight_zero_are_not_in_the_box(box, dead):
+    """Where fewer have any weight than are to be kept, the others do not count."""
+    x = np.full((1, 1, 100), dead)
+    x[0, 0, :30] = np.linspace(-1, 1, 30)
+    logw = np.full((1, 100), -np.inf)
+    logw[0, :30] = 0.0
+    filled = UniformResampling(particles=100, box=box)
+    belief = particles.weighted(x, logw, particles.all_of(1, 100))
+    drawn = filled.filled(
+        belief, particles.resample(belief, filled.survivors, 1.0, generators(1, "box")), generators(1, "even")
+    )
+    assert (np.abs(drawn) <= 1.2).all()

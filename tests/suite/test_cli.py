@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[2]
         (["run", "-e", "bootstrap[particles=abc]"], "particles must be an integer, got 'abc'"),
         (["run", "-e", "bootstrap[particles=1e3]"], "particles must be an integer, got '1e3'"),
         (["run", "-e", "ukf[alpha=nan]"], "alpha must be finite"),
-        (["run", "-e", "ukf[alpha=0]"], "alpha must be above 0"),
+        (["run", "-e", "ukf[alpha=0]"], "alpha must be at least 1e-06"),
         (["run", "-e", "ukf[alpha=2]"], "alpha must be at most 1"),
         (["run", "-e", "bootstrap[particles=5"], "cannot read 'bootstrap[particles=5'"),
         (["run", "-e", "bootstrap[particles=]"], "write settings as name[parameter=value,...]"),

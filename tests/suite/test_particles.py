@@ -262,3 +262,11 @@ def test_blocks_cover_all_particles_once():
         np.testing.assert_array_equal(covered, np.arange(count))
         assert max(len(np.arange(count)[part]) for part in particles.blocks(count)) <= BLOCK
         assert 1 <= runs_at_once(count) <= max(1, BLOCK / count)
+
+
+def test_a_state_that_left_the_numbers_unseen_by_the_sensor_is_impossible():
+    x, logw = np.random.default_rng(4).standard_normal((2, 2, 5)), np.zeros((2, 5))
+    x[0, 1, 3] = np.nan
+    made = evenly(x, logw)
+    np.testing.assert_allclose(made.weights, [[0.2] * 5, [0.25, 0.25, 0.25, 0.0, 0.25]])
+    np.testing.assert_allclose(made.loglik, np.log([5, 4]))

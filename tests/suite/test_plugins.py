@@ -41,8 +41,8 @@ import dataclasses
         (ESTIMATOR + "ESTIMATORS = Mine()", "ESTIMATORS must be a tuple of entries, got Mine"),
         (ESTIMATOR + "ESTIMATORS = {Mine()}", "ESTIMATORS must be a tuple of entries, got set"),
         (ESTIMATOR + "ESTIMATORS = (Mine,)", "ESTIMATORS holds the class Mine, not an instance"),
-        ("ESTIMATORS = (3,)", "ESTIMATORS holds 3 without 'name'"),
-        ("class A:\n    name = reference = ''\n    accepts = None\nESTIMATORS = (A(),)", "without 'run'"),
+        ("ESTIMATORS = (3,)", "ESTIMATORS holds an entry of type int without a readable 'name'"),
+        ("class A:\n    name = reference = ''\n    accepts = None\nESTIMATORS = (A(),)", "without a readable 'run'"),
         (ESTIMATOR + "ESTIMATORS = (Mine(), Mine())", "two estimators are named 'mine'; rename one"),
         (ESTIMATOR + "Mine.name = 'kalman'\nESTIMATORS = (Mine(),)", "two estimators are named 'kalman'; rename one"),
         (ESTIMATOR + "Mine.name = 'my filter'\nESTIMATORS = (Mine(),)", "the name 'my filter' must consist of"),
@@ -65,6 +65,15 @@ import dataclasses
             + ESTIMATOR.replace("class", "@dataclass\nclass")
             + "    gain: float = parameter(2.0, 'a gain', high=1)\nESTIMATORS = (Mine(),)",
             "mine: gain must be at most 1, got 2.0",
+        ),
+        (
+            "class A:\n    reference = ''\n    accepts = run = None\n    name = property(lambda self: 1 / 0)\nESTIMATORS = (A(),)",
+            "without a readable 'name': ZeroDivisionError",
+        ),
+        (
+            "from dataclasses import dataclass\n" + ESTIMATOR.replace("class", "@dataclass\nclass") + "    gain: 'int |' = 3\n"
+            "ESTIMATORS = (Mine(),)",
+            "the parameters of mine have no types: SyntaxError",
         ),
         ("CASES = (3,)", "CASES holds 3, which is not a suite.case.Case"),
         (CASE + "CASES = tiny.CASES[0]", "CASES must be a tuple of entries, got Case"),

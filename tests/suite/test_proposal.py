@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+from estimators import ESTIMATORS
+from suite.estimator import StepError
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian, StudentT
+from suite.parameters import fields
 from suite.proposal import accepts, from_transition, linearise, linearised
 from tests.oracles import generators, quadrature_of_transition, wavy_model
 
@@ -271,3 +274,42 @@ def test_accepts_additive_gaussian_noises_of_mean_zero():
 
     assert accepts(replace(model, dynamics=Other())) == "its process noise is not additive"
     assert accepts(replace(model, sensor=Other())) == "its measurement noise is not additive"
+
+
+@pytest.mark.parametrize("later", [Gaussian([5.0], [[1.0]]), StudentT([[1.0]], 4.0)], ids=["mean", "tails"])
+@pytest.mark.parametrize("name", ["guided", "isir", "progressive"])
+def test_noise_that_is_another_from_the_second_step_on_is_named(name, later):
+    dynamics = AdditiveTransition(Affine(np.eye(1)), lambda k: Gaussian.noise([[1.0]]) if k == 1 else later)
+    model = StateSpaceModel(Gaussian.noise([[1.0]]), dynamics, AdditiveSensor(Affine(np.eye(1)), Gaussian.noise([[1.0]])))
+    with pytest.raises(StepError, match="step 2: ValueError: the process noise of this step is not Gaussian with mean zero"):
+        ESTIMATORS[name].run(model, np.zeros((3, 1, 2)), 1)
+
+
+@pytest.mark.parametrize(
+    ("look", "words"),
+    [
+        (lambda x, k: np.log1p(x * x), "no derivative is known for numpy.log1p"),
+        (lambda x, k: x.sum(0)[None], "no derivative is known for the method sum of an array"),
+        (lambda x, k: np.array([x[0]]), "no derivative is known where an array is filled by hand"),
+    ],
+    ids=["ufunc", "method", "array"],
+)
+def test_a_sensor_that_cannot_be_differentiated_is_refused(look, words):
+    model = StateSpaceModel(
+        Gaussian.noise([[1.0]]),
+        AdditiveTransition(Affine(np.eye(1)), Gaussian.noise([[1.0]])),
+        AdditiveSensor(look, Gaussian.noise([[1.0]])),
+    )
+    assert words in accepts(model)
+    assert ESTIMATORS["bootstrap"].accepts(model) is None
+
+
+@pytest.mark.parametrize("name", [n for n in ESTIMATORS if "particles" in fields(ESTIMATORS[n])])
+def test_measurements_without_a_likelihood_are_refused(name):
+    model = StateSpaceModel(
+        Gaussian.noise(np.eye(2)),
+        AdditiveTransition(Affine(np.eye(2)), Gaussian.noise(np.eye(2))),
+        AdditiveSensor(Affine(np.eye(2)), Gaussian.noise([[1.0, 1.0], [1.0, 1.0]])),
+        linear=(1,),
+    )
+    assert "singular" in ESTIMATORS[name].accepts(model)
