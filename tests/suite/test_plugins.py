@@ -67,7 +67,7 @@ import dataclasses
             "mine: gain must be at most 1, got 2.0",
         ),
         (
-            "class A:\n    reference = ''\n    accepts = run = None\n    name = property(lambda self: 1 / 0)\nESTIMATORS = (A(),)",
+            "class A:\n    reference = ''\n    accepts = run = None\n    name = property(lambda s: 1 / 0)\nESTIMATORS = (A(),)",
             "without a readable 'name': ZeroDivisionError",
         ),
         (
