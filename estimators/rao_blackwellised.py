@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from suite import marginal, particles
-from suite.estimator import Readout
 from suite.linalg import Array
 from suite.marginal import Marginal
 from suite.model import StateSpaceModel
@@ -36,9 +35,6 @@ class RaoBlackwellised(ParticleFilter):
         start = particles.resample(belief.particles, SCHEMES[self.resampling], self.threshold, rng)
         x, fit = particles.blockwise(lambda x: marginal.update(model, marginal.predict(model, x, k, rng), y, k), start.x)
         return Marginal(particles.weighted(x, start.logw + fit, start.parents), model.linear)
-
-    def read(self, belief: Marginal) -> Readout:
-        return belief.read()
 
 
 ESTIMATORS = (RaoBlackwellised(),)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from suite import move
-from suite.estimator import Readout
 from suite.linalg import Array
 from suite.model import StateSpaceModel
 from suite.move import Moving
@@ -32,9 +31,6 @@ class ResampleMove(ParticleFilter):
 
     def step(self, model: StateSpaceModel, belief: Moving, y: Array, k: int, rng: Generators) -> Moving:
         return move.step(from_transition, model, belief, y, k, rng, SCHEMES[self.resampling], self.threshold)
-
-    def read(self, belief: Moving) -> Readout:
-        return belief.read()
 
 
 ESTIMATORS = (ResampleMove(),)

@@ -25,6 +25,10 @@ class UnscentedBelief:
     particles: Particles
     cov: Array
 
+    def read(self) -> Readout:
+        """The weighted particles as a readout."""
+        return self.particles.read()
+
 
 @dataclass(frozen=True)
 class UnscentedParticle(ParticleFilter):
@@ -87,9 +91,6 @@ class UnscentedParticle(ParticleFilter):
             x[:, blind] = model.dynamics.sample(rng.of(blind), origin[:, blind], k)
             fit[blind] = 0.0
         return x, fit, np.moveaxis(after.cov, 0, -1).reshape(around.shape)
-
-    def read(self, belief: UnscentedBelief) -> Readout:
-        return belief.particles.read()
 
 
 ESTIMATORS = (UnscentedParticle(),)

@@ -36,7 +36,7 @@ class Marginal:
         known, count = self.particles, len(self.linear)
         n = len(known.x) - count * (count + 1) // 2
         mean, cov = Particles(known.x[:n], known.logw, known.weights, known.loglik, known.ancestors).moments
-        within = np.vecdot(np.where(known.weights > 0, known.x[n:], 0.0), known.weights)
+        within = np.vecdot(known.x[n:], known.weights)
         rows, columns = np.tril_indices(count)
         for i, j, average in zip(np.take(self.linear, rows), np.take(self.linear, columns), within, strict=True):
             cov[i, j] += average

@@ -1,6 +1,7 @@
 """The base of particle filters that start from draws of the prior and carry weighted particles."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 from suite import particles
 from suite.estimator import Filter, Readout
@@ -11,9 +12,16 @@ from suite.proposal import has_likelihood
 from suite.random import Generators
 
 
+class Belief(Protocol):
+    """What a particle filter carries from step to step: `Particles`, or these and what else it needs."""
+
+    def read(self) -> Readout:
+        """The weighted particles as a readout."""
+
+
 @dataclass(frozen=True)
 class ParticleFilter(Filter):
-    """Base of particle filters: give `step`; the belief is `Particles` unless `init` and `read` say otherwise."""
+    """Base of particle filters: give `step`; the belief is `Particles` unless `init` says otherwise."""
 
     particles: int = parameter(1000, "number of particles", low=1, high=10_000_000)
 
@@ -29,6 +37,6 @@ class ParticleFilter(Filter):
         """Equally weighted draws from the prior."""
         return particles.drawn(model.prior, rng, self.particles)
 
-    def read(self, belief: Particles) -> Readout:
+    def read(self, belief: Belief) -> Readout:
         """Weighted mean and covariance, with the health of the weights."""
         return belief.read()

@@ -38,16 +38,17 @@ class Particles:
         return np.asarray(1.0 / np.vecdot(self.weights, self.weights))
 
     @cached_property
+    def mean(self) -> Array:
+        """Weighted mean [n, R]."""
+        return np.asarray(np.vecdot(self.x, self.weights))
+
+    @cached_property
     def moments(self) -> tuple[Array, Array]:
         """Weighted mean [n, R] and covariance [n, n, R]."""
-        x, (n, runs, count) = self.x, self.x.shape
-        mean = np.vecdot(x, self.weights)
-        if not np.isfinite(mean).all():  # a particle of weight zero may have left the numbers
-            x = np.where(self.weights > 0, x, 0.0)
-            mean = np.vecdot(x, self.weights)
+        mean, (n, runs, count) = self.mean, self.x.shape
         cov = np.zeros((n, n, runs))
         for part in blocks(count):
-            spread = x[..., part] - mean[..., None]
+            spread = self.x[..., part] - mean[..., None]
             heavy = spread * self.weights[:, part]
             for i in range(n):
                 cov[i, : i + 1] += np.vecdot(heavy[: i + 1], spread[i])
@@ -96,21 +97,22 @@ def drawn(prior: Noise, rng: Generators, count: int) -> Particles:
 def weighted(x: Array, logw: Array, parents: Indices, acceptance: Array | None = None) -> Particles:
     """Particles with log-weights [R, N] that are not normalised yet; the log of their sum is this step's log-likelihood.
 
-    A particle whose log-weight is NaN is impossible, as one of weight zero. A run in which all are gets NaN weights and a
-    log-likelihood of minus infinity: it is lost, and it alone.
+    A particle whose log-weight is NaN is impossible, as one of weight zero, and so is one whose state has left the numbers;
+    that state becomes zero. A run in which all are impossible gets NaN weights and a log-likelihood of minus infinity: it is
+    lost, and it alone.
     """
     logw = np.fmax(logw, -np.inf)
     top = logw.max(-1)
     weights = np.exp(logw - top[:, None])
     total = weights.sum(-1)
     weights /= total[:, None]
-    if not np.isfinite(np.vecdot(x, weights)).all():  # a particle that left the numbers unseen by the sensor is impossible too
-        gone = ~np.isfinite(x).all(0) & (logw > -np.inf)
-        if gone.any():
-            return weighted(x, np.where(gone, -np.inf, logw), parents, acceptance)
     loglik = np.where(top == -np.inf, top, top + np.log(total))
     ancestors = 1.0 + np.count_nonzero(parents[:, 1:] != parents[:, :-1], axis=1)
-    return Particles(x, logw - loglik[:, None], weights, loglik, ancestors, acceptance)
+    made = Particles(x, logw - loglik[:, None], weights, loglik, ancestors, acceptance)
+    if np.isfinite(made.mean).all():
+        return made
+    gone = ~np.isfinite(x).all(0)
+    return weighted(np.where(gone, 0.0, x), np.where(gone, -np.inf, logw), parents, acceptance) if gone.any() else made
 
 
 def all_of(runs: int, count: int) -> Indices:
