@@ -18,18 +18,6 @@ def generators(runs: int, *key: str | int) -> Generators:
     return Streams(("test", *key)).batch(0, runs)
 
 
-class Fixed(Generators):
-    """Generators whose uniform numbers are given, one a run."""
-
-    def __init__(self, uniform):
-        super().__init__(generators(len(uniform)).generators)
-        self.uniform = np.asarray(uniform, float)
-
-    def random(self, shape):
-        assert shape == (1, len(self.uniform), 1)
-        return self.uniform.reshape(shape)
-
-
 @dataclass(frozen=True)
 class Linear:
     """x_k = A x_{k-1} + a + G w_k, y_k = H x_k + h + v_k with w ~ N(w, Q), v ~ N(v, R), x_0 ~ N(m0, P0)."""

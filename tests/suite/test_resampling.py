@@ -10,7 +10,7 @@ from scipy import stats
 
 from suite.random import Generators
 from suite.resampling import SCHEMES, multinomial, residual, select, stratified, systematic
-from tests.oracles import Fixed, Given, generators, offspring_law, offspring_variance
+from tests.oracles import Given, generators, offspring_law, offspring_variance
 
 ALMOST_ONE = float(np.nextafter(1.0, 0.0))
 schemes = pytest.mark.parametrize("scheme", SCHEMES.values(), ids=SCHEMES)
@@ -104,7 +104,7 @@ def test_the_bounds_hold_whatever_the_weights_and_the_numbers(scheme, drawn):
     if number is None:
         rng = generators(runs, seed)
     elif scheme is systematic:
-        rng = Fixed(np.full(runs, number))
+        rng = Given(np.full((runs, 1), number))
     else:
         rng = Given(np.full((runs, count + (scheme in (multinomial, residual))), number or 1e-300))
     check(scheme, weights, scheme(weights, rng))
@@ -124,7 +124,7 @@ def test_systematic_counts_are_unbiased():
     """Over an even grid of uniform numbers the mean count is N w, up to one grid step a particle."""
     weights = np.random.default_rng(0).dirichlet(np.ones(7))
     grid = (np.arange(20_000) + 0.5) / 20_000
-    indices = systematic(np.tile(weights, (len(grid), 1)), Fixed(grid))
+    indices = systematic(np.tile(weights, (len(grid), 1)), Given(grid[:, None]))
     np.testing.assert_allclose(counts(indices).mean(0), 7 * weights, atol=2 / 20_000)
 
 
@@ -206,7 +206,7 @@ def test_systematic_is_worse_than_stratified_where_a_function_ascends_with_the_i
     for concentration in (0.1, 0.5, 5.0, 50.0):
         weights, phi = rng.dirichlet(np.full(20, concentration)), np.sort(rng.standard_normal(20))
         grid = (np.arange(5000) + 0.5) / 5000
-        found = counts(systematic(np.tile(weights, (5000, 1)), Fixed(grid))) @ phi
+        found = counts(systematic(np.tile(weights, (5000, 1)), Given(grid[:, None]))) @ phi
         exact = offspring_variance("stratified", weights, phi)
         assert found.var() > 1.2 * exact
         # 6 standard errors of a variance whose kurtosis is that of a sum of independent slots, below 6 here.
@@ -274,7 +274,7 @@ def test_systematic_fills_the_last_slots_at_both_ends_of_the_uniform_number():
     weights = np.full((1, 1_000_003), 1 / 1_000_003)
     weights[0, -3:] = 0
     for uniform in (0.0, ALMOST_ONE):
-        indices = systematic(weights, Fixed([uniform]))
+        indices = systematic(weights, Given([[uniform]]))
         assert indices.max() == 1_000_003 - 4
         assert indices.min() == 0
 
