@@ -3,17 +3,18 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from suite import gaussian
-from suite.estimator import Filter, Readout
+from suite import moment_rules
 from suite.gaussian import GaussianBelief
+from suite.gaussian_filter import GaussianFilter
 from suite.linalg import Array
 from suite.model import StateSpaceModel, is_linear_gaussian
+from suite.moment_rules import Rule
 from suite.noise import Gaussian
 from suite.random import Generators
 
 
 @dataclass(frozen=True)
-class Kalman(Filter):
+class Kalman(GaussianFilter):
     """Kalman filter: the exact posterior of a linear model with Gaussian noises."""
 
     name: ClassVar[str] = "kalman"
@@ -22,20 +23,17 @@ class Kalman(Filter):
         "1960, 35-45"
     )
 
+    @property
+    def rule(self) -> Rule:
+        return moment_rules.affine
+
     def accepts(self, model: StateSpaceModel) -> str | None:
         return None if is_linear_gaussian(model) else "the model is not linear with Gaussian noises"
-
-    def init(self, model: StateSpaceModel, rng: Generators) -> GaussianBelief:
-        return gaussian.prior(model, rng.runs)
 
     def step(self, model: StateSpaceModel, belief: GaussianBelief, y: Array, k: int, rng: Generators) -> GaussianBelief:
         if not isinstance(model.dynamics.noise_at(k), Gaussian):
             raise ValueError("the process noise of this step is not Gaussian, as that of the first is")
-        predicted = gaussian.predict(gaussian.affine, belief, model.dynamics, k)
-        return gaussian.update(gaussian.affine, predicted, model.sensor, y, k)
-
-    def read(self, belief: GaussianBelief) -> Readout:
-        return belief.read()
+        return super().step(model, belief, y, k, rng)
 
 
 ESTIMATORS = (Kalman(),)

@@ -3,18 +3,15 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from suite import gaussian
-from suite.estimator import Filter, Readout
-from suite.gaussian import GaussianBelief
-from suite.linalg import Array
-from suite.model import StateSpaceModel
+from suite import moment_rules
+from suite.gaussian_filter import GaussianFilter
+from suite.moment_rules import Rule
 from suite.parameters import parameter
-from suite.random import Generators
 
 
 @dataclass(frozen=True)
-class Unscented(Filter):
-    """Unscented Kalman filter for additive noise; the sigma points are drawn anew after the prediction."""
+class Unscented(GaussianFilter):
+    """Unscented Kalman filter in square-root form; the sigma points are drawn anew after the prediction."""
 
     name: ClassVar[str] = "ukf"
     reference: ClassVar[str] = (
@@ -25,19 +22,9 @@ class Unscented(Filter):
     beta: float = parameter(2.0, "extra weight of the central point in covariances; 2 suits a Gaussian", low=0)
     kappa: float = parameter(0.0, "second spread parameter", low=0)
 
-    def accepts(self, model: StateSpaceModel) -> str | None:
-        return gaussian.additive(model)
-
-    def init(self, model: StateSpaceModel, rng: Generators) -> GaussianBelief:
-        return gaussian.prior(model, rng.runs)
-
-    def step(self, model: StateSpaceModel, belief: GaussianBelief, y: Array, k: int, rng: Generators) -> GaussianBelief:
-        rule = gaussian.unscented(model.n, self.alpha, self.beta, self.kappa)
-        predicted = gaussian.predict(rule, belief, model.dynamics, k)
-        return gaussian.update(rule, predicted, model.sensor, y, k)
-
-    def read(self, belief: GaussianBelief) -> Readout:
-        return belief.read()
+    @property
+    def rule(self) -> Rule:
+        return moment_rules.unscented(self.alpha, self.beta, self.kappa)
 
 
 ESTIMATORS = (Unscented(),)

@@ -5,10 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from suite import gaussian, particles
+from suite import gaussian, moment_rules, particles
 from suite.estimator import Readout
 from suite.gaussian import GaussianBelief
-from suite.linalg import Array, cholesky
+from suite.linalg import Array
 from suite.model import StateSpaceModel
 from suite.parameters import parameter
 from suite.particle_filter import ParticleFilter
@@ -20,10 +20,10 @@ from suite.resampling import SCHEMES, select
 
 @dataclass(frozen=True)
 class UnscentedBelief:
-    """Particles, and the covariance [n, n, R, N] that each one's filter carries."""
+    """Particles, and the factor [n, n, R, N] of the covariance that each one's filter carries."""
 
     particles: Particles
-    cov: Array
+    root: Array
 
     def read(self) -> Readout:
         """The weighted particles as a readout."""
@@ -59,38 +59,37 @@ class UnscentedParticle(ParticleFilter):
     def init(self, model: StateSpaceModel, rng: Generators) -> UnscentedBelief:
         begin = super().init(model, rng)
         shape = (*model.prior.cov.shape, *begin.logw.shape)
-        return UnscentedBelief(begin, np.broadcast_to(model.prior.cov[:, :, None, None], shape))
+        return UnscentedBelief(begin, np.broadcast_to(model.prior.lower[:, :, None, None], shape))
 
     def step(self, model: StateSpaceModel, belief: UnscentedBelief, y: Array, k: int, rng: Generators) -> UnscentedBelief:
         start = particles.resample(belief.particles, SCHEMES[self.resampling], self.threshold, rng)
-        spread = select(belief.cov, start.parents) if len(start.runs) else belief.cov
-        x, fit, cov = particles.blockwise(
+        spread = select(belief.root, start.parents) if len(start.runs) else belief.root
+        x, fit, root = particles.blockwise(
             lambda origin, around: self.proposed(model, origin, around, y, k, rng), start.x, spread
         )
-        return UnscentedBelief(particles.weighted(x, start.logw + fit, start.parents), cov)
+        return UnscentedBelief(particles.weighted(x, start.logw + fit, start.parents), root)
 
     def proposed(
         self, model: StateSpaceModel, origin: Array, around: Array, y: Array, k: int, rng: Generators
     ) -> tuple[Array, Array, Array]:
-        """Draws [n, R, N] from each particle's filter, their log-weights [R, N], and the filters' covariances."""
+        """Draws [n, R, N] from each particle's filter, their log-weights [R, N], and the factors of its covariance."""
         n, runs, count = origin.shape
-        rule = gaussian.unscented(n, self.alpha, self.beta, self.kappa)
-        each = GaussianBelief(origin.reshape(n, -1).T, np.moveaxis(self.carried * around.reshape(n, n, -1), -1, 0))
+        rule = moment_rules.unscented(self.alpha, self.beta, self.kappa)
+        each = GaussianBelief(origin.reshape(n, -1).T, np.moveaxis(np.sqrt(self.carried) * around.reshape(n, n, -1), -1, 0))
         after = gaussian.update(
             rule, gaussian.predict(rule, each, model.dynamics, k), model.sensor, np.repeat(y, count, axis=1), k
         )
-        lower = cholesky(after.cov)
         white = rng.standard_normal(origin.shape)
-        moves = np.matmul(lower, white.reshape(n, -1).T[..., None])[..., 0]
+        moves = np.matmul(after.root, white.reshape(n, -1).T[..., None])[..., 0]
         x = (after.mean + moves).T.reshape(origin.shape)
         log_proposal = -0.5 * (n * np.log(2 * np.pi) + (white * white).sum(0))
-        log_proposal -= np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(-1).reshape(runs, count)
+        log_proposal -= np.log(np.abs(np.diagonal(after.root, axis1=1, axis2=2))).sum(-1).reshape(runs, count)
         fit = model.sensor.logpdf(y, x, k) + model.dynamics.logpdf(x, origin, k) - log_proposal
         blind = np.flatnonzero(np.isnan(y).all(0))
         if len(blind):  # where nothing was measured the transition itself is the best proposal
             x[:, blind] = model.dynamics.sample(rng.of(blind), origin[:, blind], k)
             fit[blind] = 0.0
-        return x, fit, np.moveaxis(after.cov, 0, -1).reshape(around.shape)
+        return x, fit, np.moveaxis(after.root, 0, -1).reshape(around.shape)
 
 
 ESTIMATORS = (UnscentedParticle(),)

@@ -1,117 +1,198 @@
-"""The Gaussian filter: prediction and update by moments, whatever rule computes them.
+"""The Gaussian filter: prediction and update by moments, whatever rule computes them (suite/moment_rules.py).
 
-A rule turns the Gaussian N(mean, cov) of a state and a function of it into the moments of the function's value. The
-Kalman filter and the unscented filter are this filter with different rules. Stacks are one matrix a run, [R, n, n].
+It is written in square-root form: a belief carries a factor of its covariance, and a rule gives deviations whose products are
+covariances. One orthogonal triangularisation of the deviations of state and measurement side by side gives the factor of the
+innovation, the gain and the factor of the posterior at once (Kailath, Sayed and Hassibi, 2000, section 12.3). No covariance
+is ever subtracted from another, so it stays positive semidefinite whatever the rounding, its condition number counts by its
+root only, and singular priors and noises are no special case. Joseph's form would keep the sign but not the digits, and
+would still ask for a Cholesky factor wherever sigma points are drawn. Stacks are one matrix a run, [R, n, n].
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from suite.errors import one_line
 from suite.estimator import Readout
-from suite.linalg import Array, cholesky, square_root, symmetric
-from suite.model import AdditiveSensor, AdditiveTransition, Affine, Function, StateSpaceModel
+from suite.linalg import Array, factor, lower_triangular, solve_lower
+from suite.model import AdditiveSensor, AdditiveTransition, Sensor, StateSpaceModel, Transition, outage_patterns
+from suite.moment_rules import Rule, Spread
+from suite.noise import Gaussian, Noise
+from suite.nonadditive import Augmented, NonadditiveSensor, NonadditiveTransition
 
-Moments = tuple[Array, Array, Array]
-"""Mean [R, p] and covariance [R, p, p] of the value, and cross-covariance [R, n, p] of state and value."""
-
-Residual = Callable[[Array, Array], Array]
-Rule = Callable[[Array, Array, Function, int, Residual], Moments]
-"""rule(mean[R, n], cov[R, n, n], function, k, residual) -> Moments; residual subtracts values, wrapping angles."""
+HALF_LOG_2PI = 0.5 * np.log(2 * np.pi)
+NONADDITIVE = (NonadditiveTransition, NonadditiveSensor)
 
 
 @dataclass(frozen=True)
 class GaussianBelief:
-    """Mean [R, n] and covariance [R, n, n] of the state, with this step's log-likelihood and whitened innovation."""
+    """Mean [R, n] of the state and a factor [R, n, n] of its covariance: cov = root rootᵀ.
+
+    loglik[R] and innovation[m, R], whitened, are those of this step's measurement.
+    """
 
     mean: Array
-    cov: Array
+    root: Array
     loglik: Array | None = None
     innovation: Array | None = None
 
+    @property
+    def cov(self) -> Array:
+        """Covariance of the state [R, n, n]."""
+        return np.asarray(self.root @ np.swapaxes(self.root, 1, 2))
+
     def read(self) -> Readout:
         """The belief as a readout, components first."""
-        return Readout(self.mean.T, np.moveaxis(self.cov, 0, -1), self.loglik, innovation=self.innovation)
+        return Readout(self.mean.T, self.cov.transpose(1, 2, 0), self.loglik, innovation=self.innovation)
 
 
 def prior(model: StateSpaceModel, runs: int) -> GaussianBelief:
     """The model's prior, once a run."""
-    mean, cov = model.prior.mean, model.prior.cov
-    return GaussianBelief(np.tile(mean, (runs, 1)), np.tile(cov, (runs, 1, 1)))
+    return GaussianBelief(np.tile(model.prior.mean, (runs, 1)), np.tile(model.prior.lower, (runs, 1, 1)))
 
 
 def additive(model: StateSpaceModel) -> str | None:
-    """None when both noises of the model are additive, otherwise why a Gaussian filter does not take it."""
+    """None when both noises of the model are additive, otherwise why a filter that needs this does not take it."""
     for part, law, kind in (("process", model.dynamics, AdditiveTransition), ("measurement", model.sensor, AdditiveSensor)):
         if not isinstance(law, kind):
             return f"its {part} noise is not additive"
     return None
 
 
-def predict(rule: Rule, belief: GaussianBelief, dynamics: AdditiveTransition, k: int) -> GaussianBelief:
-    """Belief about x_k from the belief about x_{k-1}."""
-    mean, cov, _ = rule(belief.mean, belief.cov, dynamics.mean, k, np.subtract)
-    return GaussianBelief(mean + dynamics.noise_mean(k), symmetric(cov + dynamics.noise_cov(k)))
+def accepts(model: StateSpaceModel) -> str | None:
+    """None when state and measurement are functions of a state and a noise, otherwise why no Gaussian filter takes them."""
+    if not isinstance(model.dynamics, AdditiveTransition | NonadditiveTransition):
+        return "its transition is not a function of the state and a noise"
+    if not isinstance(model.sensor, AdditiveSensor | NonadditiveSensor):
+        return "its measurement is not a function of the state and a noise"
+    return None
 
 
-def update(rule: Rule, belief: GaussianBelief, sensor: AdditiveSensor, y: Array, k: int) -> GaussianBelief:
+def differentiable(model: StateSpaceModel) -> str | None:
+    """None when a Gaussian filter can linearise both functions of the model, otherwise why not."""
+    if refusal := accepts(model):
+        return refusal
+    for part, law in (("transition", model.dynamics), ("sensor", model.sensor)):
+        try:
+            with np.errstate(all="ignore"):
+                if isinstance(law, AdditiveTransition | AdditiveSensor):
+                    law.linearised(model.prior.mean[:, None], 1)
+                elif isinstance(law, NONADDITIVE):
+                    at = np.concat([model.prior.mean, law.noise_at(1).mean])
+                    Augmented(law, model.n).linearised(at[:, None], 1)
+        except Exception as error:
+            return f"its {part} cannot be differentiated: {one_line(error)}"
+    return None
+
+
+def arguments(model: StateSpaceModel) -> int:
+    """The most numbers that a rule is given at once: the state's, with those of a noise inside one of the functions."""
+    inside = [len(law.noise_at(1).mean) for law in (model.dynamics, model.sensor) if isinstance(law, NONADDITIVE)]
+    return model.n + max(inside, default=0)
+
+
+def predict(rule: Rule, belief: GaussianBelief, dynamics: Transition, k: int) -> GaussianBelief:
+    """Belief about x_k from the belief about x_{k-1}. Raises TypeError when the dynamics are no function of a noise."""
+    if isinstance(dynamics, AdditiveTransition):
+        noise = _root(dynamics.noise_at(k))
+        spread = rule(belief.mean, belief.root, dynamics, k)
+        columns = _beside(spread.dy, noise if dynamics.gain is None else dynamics.gain @ noise)
+        mean = spread.value + dynamics.noise_mean(k)
+    elif isinstance(dynamics, NonadditiveTransition):
+        spread = _augmented(rule, belief, dynamics, k)
+        columns, mean = spread.dy, spread.value
+    else:
+        raise TypeError(f"a Gaussian filter cannot predict through {type(dynamics).__name__}")
+    return GaussianBelief(mean, lower_triangular(columns))
+
+
+def update(rule: Rule, belief: GaussianBelief, sensor: Sensor, y: Array, k: int) -> GaussianBelief:
     """Belief about x_k after the measurement y[m, R]; missing components (NaN) drop out, run by run.
 
     A missing row gets an innovation of zero, no correlation with the state, and a unit variance of its own: it then
     factors out of the gain exactly, and all runs keep one shape.
     """
-    expected, cov, cross = rule(belief.mean, belief.cov, sensor.mean, k, sensor.residual)
-    cov = cov + sensor.noise.cov
-    error = sensor.residual(np.ascontiguousarray(y), np.ascontiguousarray((expected + sensor.noise.mean).T)).T
-    observed = ~np.isnan(error)
-    if not observed.all():
-        error = np.where(observed, error, 0.0)
-        cross = np.where(observed[:, None, :], cross, 0.0)
-        both = observed[:, :, None] & observed[:, None, :]
-        cov = np.where(both, cov, np.eye(len(y)))
-    lower = cholesky(symmetric(cov))
-    # With S = L Lᵀ and A = C L⁻ᵀ: gain K = A L⁻¹, so K e = A (L⁻¹ e) and K S Kᵀ = A Aᵀ.
-    half = np.linalg.solve(lower, np.swapaxes(cross, 1, 2))
-    white = np.linalg.solve(lower, error[..., None])
-    half_t = np.ascontiguousarray(np.swapaxes(half, 1, 2))
-    mean = belief.mean + (half_t @ white)[..., 0]
-    posterior = symmetric(belief.cov - half_t @ half)
-    white = white[..., 0]
-    log_det = np.log(np.where(observed, np.diagonal(lower, axis1=1, axis2=2), 1.0)).sum(-1)
-    loglik = -0.5 * (white * white).sum(-1) - log_det - 0.5 * np.log(2 * np.pi) * observed.sum(-1)
-    return GaussianBelief(mean, posterior, loglik, np.where(observed, white, np.nan).T)
+    seen = ~np.isnan(y)
+    whole = seen.all()
+    if isinstance(sensor, AdditiveSensor):
+        spread = rule(belief.mean, belief.root, sensor, k)
+        error = sensor.residual(y, (spread.value + sensor.noise.mean).T).T
+        noise = _root(sensor.noise) if whole else _noise_root(sensor.noise, y)
+    elif isinstance(sensor, NonadditiveSensor):
+        spread = _augmented(rule, belief, sensor, k)
+        error = sensor.residual(y, spread.value.T).T
+        noise = np.where(seen.T[:, :, None], 0.0, np.eye(len(y)))
+    else:
+        raise TypeError(f"a Gaussian filter cannot update by {type(sensor).__name__}")
+    if not whole:
+        error = np.where(seen.T, error, 0.0)
+        spread = replace(spread, dy=np.where(seen.T[:, :, None], spread.dy, 0.0))
+    return conditioned(belief, spread, noise, error, seen)
 
 
-def affine(mean: Array, cov: Array, function: Function, k: int, residual: Residual) -> Moments:
-    """The exact rule for affine functions: the Kalman filter (Kalman, 1960)."""
-    assert isinstance(function, Affine)
-    matrix = function.matrix(k)
-    value = function(np.ascontiguousarray(mean.T), k).T
-    cross = cov @ matrix.T
-    return value, matrix @ cross, cross
+def conditioned(belief: GaussianBelief, spread: Spread, noise: Array, error: Array, seen: Array) -> GaussianBelief:
+    """The belief given an innovation error[R, m] whose deviations, with the noise's factor, are in `spread`.
+
+    With S the innovation's covariance, C that of state and measurement and P that of the state, the triangular factor of
+    [[S, Cᵀ], [C, P]] is [[L, 0], [C L⁻ᵀ, root of P - C S⁻¹ Cᵀ]].
+    """
+    m, n = error.shape[1], belief.mean.shape[1]
+    size = spread.dy.shape[2]
+    columns = np.zeros((len(error), m + n, size + noise.shape[-1]))
+    columns[:, :m, :size] = spread.dy
+    columns[:, m:, :size] = spread.dx[:, :n]
+    columns[:, :m, size:] = noise
+    joint = lower_triangular(columns)
+    lower, gain, root = joint[:, :m, :m], joint[:, m:, :m], joint[:, m:, m:]
+    white = solve_lower(lower, error)  # not finite where S is singular: that run is lost, and it alone
+    mean = belief.mean + (gain @ white[..., None])[..., 0]
+    scale = np.diagonal(lower, axis1=1, axis2=2)
+    loglik = -0.5 * np.vecdot(white, white) - np.log(np.abs(scale)).sum(-1) - HALF_LOG_2PI * seen.sum(0)
+    return GaussianBelief(mean, root, loglik, np.where(seen, (white * np.sign(scale)).T, np.nan))
 
 
-def unscented(n: int, alpha: float, beta: float, kappa: float) -> Rule:
-    """The scaled unscented rule with 2n + 1 sigma points (Julier and Uhlmann, 2004; Wan and van der Merwe, 2000)."""
-    spread = alpha**2 * (n + kappa)
-    offsets = np.sqrt(spread) * np.concatenate([np.zeros((n, 1)), np.eye(n), -np.eye(n)], axis=1)
-    weights = np.full(2 * n + 1, 0.5 / spread)
-    weights[0] = 1.0 - n / spread
-    cov_weights = weights.copy()
-    cov_weights[0] += 1.0 - alpha**2 + beta
+def merged(weights: Array, means: Array, roots: Array) -> GaussianBelief:
+    """The Gaussian with the moments of a mixture: weights[R, M], means[M, R, n], factors of covariances [M, R, n, n].
 
-    def rule(mean: Array, cov: Array, function: Function, k: int, residual: Residual) -> Moments:
-        away = square_root(cov) @ offsets
-        points = np.ascontiguousarray(np.moveaxis(mean[..., None] + away, 1, 0))
-        values = function(points, k)
-        # Averaging differences to the central point, not values, is right for angles as well.
-        centre = values[..., :1]
-        difference = residual(values, centre)
-        shift = (difference * weights).sum(-1)
-        value = centre[..., 0] + shift
-        rest = np.ascontiguousarray(np.moveaxis(difference - shift[..., None], 1, 0))
-        weighted = np.swapaxes(rest * cov_weights, 1, 2)
-        return value.T, rest @ weighted, away @ weighted
+    A component of weight zero does not count, whatever it is.
+    """
+    share = weights.T[..., None]
+    means, roots = np.where(share > 0, means, 0.0), np.where(share[..., None] > 0, roots, 0.0)
+    mean = np.asarray(sum(share * means))  # one after the other: NumPy's order of addition depends on the shape
+    columns = np.sqrt(share)[..., None] * np.concat([roots, (means - mean)[..., None]], axis=3)
+    return GaussianBelief(mean, lower_triangular(np.concat(list(columns), axis=2)))
 
-    return rule
+
+def _augmented(rule: Rule, belief: GaussianBelief, law: NonadditiveTransition | NonadditiveSensor, k: int) -> Spread:
+    """Deviations of the state and of a function of state and noise, from a rule on both stacked."""
+    noise = law.noise_at(k)
+    (runs, n), q = belief.mean.shape, len(noise.mean)
+    root = np.zeros((runs, n + q, n + q))
+    root[:, :n, :n] = belief.root
+    root[:, n:, n:] = _root(noise)
+    mean = np.concat([belief.mean, np.broadcast_to(noise.mean, (runs, q))], axis=1)
+    return rule(mean, root, Augmented(law, n), k)
+
+
+def _beside(columns: Array, constant: Array) -> Array:
+    """Columns [R, n, s] with those of a constant matrix [n, q] beside them."""
+    runs, n, size = columns.shape
+    whole = np.empty((runs, n, size + constant.shape[1]))
+    whole[:, :, :size], whole[:, :, size:] = columns, constant
+    return whole
+
+
+def _root(noise: Noise) -> Array:
+    """A factor of a noise's covariance."""
+    return noise.lower if isinstance(noise, Gaussian) else factor(noise.cov)
+
+
+def _noise_root(noise: Noise, y: Array) -> Array:
+    """Factors [R, m, m] of the covariance of the components of a noise that were observed in y[m, R]; 1 for the others."""
+    roots = np.zeros((y.shape[1], len(y), len(y)))
+    for rows, runs in outage_patterns(y):
+        whole = np.eye(len(y))
+        if rows:
+            whole[np.ix_(rows, rows)] = _root(noise.marginal(rows))
+        roots[runs] = whole
+    return roots

@@ -1,9 +1,12 @@
 """Small dense algebra: constant matrices on components-first arrays, and stacks of matrices one a run."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_tri = lru_cache(maxsize=64)(np.tri)
 
 
 def apply(matrix: Array, x: Array) -> Array:
@@ -21,6 +24,11 @@ def apply(matrix: Array, x: Array) -> Array:
         for entry, component in terms[1:]:
             total += component if entry == 1.0 else entry * component
     return out
+
+
+def apply_by_run(stack: Array, x: Array) -> Array:
+    """Product of one matrix a run [R, p, n] with x[n, R, N]: [p, R, N]."""
+    return np.moveaxis(stack @ np.moveaxis(x, 1, 0), 0, 1)
 
 
 def factor(cov: Array) -> Array:
@@ -87,6 +95,22 @@ def square_root(stack: Array) -> Array:
     return root
 
 
-def symmetric(stack: Array) -> Array:
-    """Symmetric part of a stack of matrices [..., n, n]."""
-    return (stack + np.swapaxes(stack, -1, -2)) / 2
+def lower_triangular(columns: Array) -> Array:
+    """Lower-triangular L[R, p, p] with L Lᵀ = A Aᵀ for matrices A[R, p, s], of any rank; signs on the diagonal are arbitrary.
+
+    By orthogonal triangularisation: A Aᵀ, whose condition number is the square of A's, is never formed.
+    """
+    runs, p, s = columns.shape
+    if s < p:
+        columns = np.concat([columns, np.zeros((runs, p, p - s))], axis=2)
+    packed, _ = np.linalg.qr(np.swapaxes(columns, 1, 2), mode="raw")
+    return np.asarray(packed[:, :, :p] * _tri(p))
+
+
+def solve_lower(lower: Array, b: Array) -> Array:
+    """Solutions z[R, p, ...] of L z = b for lower-triangular L[R, p, p] and b[R, p, ...]; not finite where L is singular."""
+    z = b.reshape(*b.shape[:2], -1).copy()
+    for j in range(b.shape[1]):
+        z[:, j] /= lower[:, j, j, None]
+        z[:, j + 1 :] -= lower[:, j + 1 :, j, None] * z[:, j, None]
+    return z.reshape(b.shape)

@@ -90,7 +90,15 @@ class AdditiveTransition:
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Derivative of the mean with respect to x[n, ...]: [n, n, ...]."""
-        return _linearised(self.mean, self.jacobian_of_mean, x, k)[1]
+        return self.linearised(x, k)[1]
+
+    def linearised(self, x: Array, k: int) -> tuple[Array, Array]:
+        """Mean [n, ...] and its derivative [n, n, ...] at x[n, ...]."""
+        return _linearised(self.mean, self.jacobian_of_mean, x, k)
+
+    def residual(self, z: Array, expected: Array) -> Array:
+        """Difference of two states [n, ...]."""
+        return z - expected
 
     def disturbance(self, rng: Generators, shape: tuple[int, ...], k: int) -> Array:
         """Draws of G w_k [n, *shape]; shape[0] is the number of runs."""
@@ -138,10 +146,7 @@ class AdditiveSensor:
 
     def residual(self, z: Array, expected: Array) -> Array:
         """Difference z - expected [m, ...], its angular components wrapped to (-pi, pi]."""
-        difference = z - expected
-        for i in self.angles:
-            difference[i] = wrap(difference[i])
-        return difference
+        return difference(z, expected, self.angles)
 
     def sample(self, rng: Generators, x: Array, k: int) -> Array:
         """Draws of y_k [m, R, ...] given x_k = x[n, R, ...]."""
@@ -217,10 +222,9 @@ class StateSpaceModel:
         step[linear] = ((1 + size + np.abs(at)) * np.cos(angle))[linear]
         for part, law in (("dynamics", self.dynamics), ("sensor", self.sensor)):
             if isinstance(law, AdditiveTransition | AdditiveSensor):
-                difference = law.residual if isinstance(law, AdditiveSensor) else np.subtract
                 with np.errstate(all="ignore"):  # a point where the function is not defined proves nothing
                     below, middle, above = (np.asarray(law.mean(x + side * step, 1)) for side in (-1, 0, 1))
-                    bend = np.abs(difference(difference(above, middle), difference(middle, below)))
+                    bend = np.abs(law.residual(law.residual(above, middle), law.residual(middle, below)))
                     values = np.abs(below) + np.abs(middle) + np.abs(above)
                     bent = bend > 1e-6 * values + 1e-11 * np.max(values, where=np.isfinite(values), initial=0.0)
                 if bent.any():
@@ -232,6 +236,14 @@ def outage_patterns(z: Array) -> Iterator[tuple[tuple[int, ...], NDArray[np.intp
     patterns, group = np.unique(~np.isnan(z), axis=1, return_inverse=True)
     for g, observed in enumerate(patterns.T):
         yield tuple(np.flatnonzero(observed).tolist()), np.flatnonzero(group == g)
+
+
+def difference(z: Array, expected: Array, angles: tuple[int, ...]) -> Array:
+    """Difference z - expected [m, ...], those components listed in `angles` wrapped to (-pi, pi]."""
+    rest = z - expected
+    for i in angles:
+        rest[i] = wrap(rest[i])
+    return rest
 
 
 def wrap(angle: Array) -> Array:

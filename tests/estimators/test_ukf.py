@@ -14,6 +14,7 @@ from suite.case import draw
 from suite.estimator import LOST
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian, StudentT
+from suite.nonadditive import NonadditiveSensor, NonadditiveTransition
 from tests.oracles import from_west, generators, random_linear, range_bearing
 
 BOTH = pytest.mark.parametrize("make", [Unscented, FilterpyUnscented], ids=["ours", "filterpy"])
@@ -119,16 +120,30 @@ def test_bearings_wrap(make):
     assert np.abs(a.mean - truth.x)[:, [0, 2]].max() < 100
 
 
+@pytest.mark.parametrize("part", ["dynamics", "sensor"])
+def test_noise_inside_a_function_is_for_ours_alone(part):
+    model = random_linear(1, 2, 1, 2).model
+    inside = {
+        "dynamics": NonadditiveTransition(lambda x, w, k: x * (1 + w), Gaussian.diagonal([1.0, 1.0])),
+        "sensor": NonadditiveSensor(lambda x, v, k: x[:1] * v, Gaussian.diagonal([1.0]), dim=1),
+    }
+    other = dataclasses.replace(model, **{part: inside[part]})
+    assert Unscented().accepts(model) is None
+    assert FilterpyUnscented().accepts(model) is None
+    assert Unscented().accepts(other) is None
+    assert "noise is not additive" in FilterpyUnscented().accepts(other)
+
+
 @BOTH
-def test_refuses_noise_that_is_not_additive(make):
+def test_refuses_laws_that_are_no_function_of_a_noise(make):
     model = random_linear(1, 2, 1, 2).model
 
     class Law:
         dim = 1
 
-    assert make().accepts(model) is None
-    assert "process noise" in make().accepts(dataclasses.replace(model, dynamics=Law()))
-    assert "measurement noise" in make().accepts(dataclasses.replace(model, sensor=Law()))
+    words = {Unscented: "transition is not a function", FilterpyUnscented: "process noise is not additive"}
+    assert words[make] in make().accepts(dataclasses.replace(model, dynamics=Law()))
+    assert "measurement" in make().accepts(dataclasses.replace(model, sensor=Law()))
 
 
 @BOTH

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from cases import CASES
 from cases.multistatic_radar import bistatic, bistatic_slope
 from suite.jacobian import _PARTIALS, Dual, derivative
-from suite.model import AdditiveSensor, AdditiveTransition
 
 COMPLEX = (np.add, np.subtract, np.multiply, np.divide, np.power, np.negative, np.positive, np.square, np.sqrt, np.exp, np.log,
            np.sin, np.cos, np.tan, np.arctan, np.tanh)  # fmt: skip
@@ -159,20 +157,6 @@ def test_variables_that_a_component_does_not_depend_on_cost_nothing():
     x = Dual(np.ones((3, 5)), {j: unit[:, None] for j, unit in enumerate(np.eye(3))})
     assert list((np.sin(x[0]) * x[2]).tangents) == [0, 2]
     assert list(np.stack([x[1], x[1] + 1.0]).tangents) == [1]
-
-
-@pytest.mark.parametrize("name", list(CASES))
-def test_models_of_the_cases(name):
-    model = CASES[name].model
-    rng = np.random.default_rng(0)
-    spread = np.sqrt(np.diag(model.prior.cov))[:, None]
-    x = model.prior.mean[:, None] + spread * rng.standard_normal((model.n, 20))
-    for law, kind in ((model.dynamics, AdditiveTransition), (model.sensor, AdditiveSensor)):
-        assert isinstance(law, kind)
-        found = law.jacobian(x, 1)
-        step = 1e-5 * np.maximum(spread[:, 0], 0.1)
-        scale = np.abs(found).max()
-        np.testing.assert_allclose(found, central(lambda s, law=law: law.mean(s, 1), x, h=step), rtol=1e-4, atol=1e-6 * scale)
 
 
 def test_bistatic_range_to_rounding():

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from suite.linalg import apply, cholesky, factor, square_root, symmetric
+from suite.linalg import apply, cholesky, factor, lower_triangular, solve_lower, square_root
 
 
 @st.composite
@@ -134,11 +134,75 @@ def test_apply_gives_each_column_the_same_bits_alone():
         np.testing.assert_array_equal(apply(matrix, x[:, r : r + 1])[:, 0], whole[:, r])
 
 
-def test_symmetric_part():
-    np.testing.assert_array_equal(symmetric(np.array([[[1.0, 2.0], [4.0, 3.0]]])), [[[1.0, 3.0], [3.0, 3.0]]])
-
-
 def test_factor_of_a_nearly_singular_covariance():
     lower = np.array([[1.0, 0.0, 0.0], [1.0, 7e-7, 0.0], [0.0, 1.0, 1.0]])
     cov = lower @ lower.T
     np.testing.assert_allclose(factor(cov) @ factor(cov).T, cov, rtol=1e-12, atol=1e-12)
+
+
+@st.composite
+def columns(draw):
+    """Stacks [R, p, s] of any rank, their rows scaled by 1e-6..1e6; more or fewer columns than rows, some rows zero."""
+    runs, p, s = draw(st.integers(1, 3)), draw(st.integers(1, 6)), draw(st.integers(1, 9))
+    rank = draw(st.integers(0, min(p, s)))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    scale = 10.0 ** rng.uniform(-6, 6, p) * (rng.random(p) > draw(st.sampled_from([0.0, 0.3])))
+    return scale[:, None] * (rng.standard_normal((runs, p, rank)) @ rng.standard_normal((runs, rank, s)))
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(columns())
+def test_triangularisation_keeps_the_products_of_rows(stack):
+    lower = lower_triangular(stack)
+    assert lower.shape == (*stack.shape[:2], stack.shape[1])
+    assert (np.triu(lower, 1) == 0).all()
+    assert reproduces(lower, stack @ np.swapaxes(stack, 1, 2), tolerance=1e-14)
+
+
+def test_triangularisation_keeps_digits_that_the_product_of_rows_has_lost():
+    # Rows that differ by 1e-10: in their product that is 1e-20 beside 1, here it is the last pivot.
+    stack = np.array([[[1.0, 0.0], [1.0, 1e-10]]])
+    lower = lower_triangular(stack @ np.array([[0.6, 0.8], [-0.8, 0.6]]))
+    np.testing.assert_allclose(abs(lower[0, 1, 1]), 1e-10, rtol=1e-5)
+    product = lower @ np.swapaxes(lower, 1, 2)
+    assert np.linalg.det(product[0]) == 0
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
+@pytest.mark.parametrize("where", [(0, 0), (1, 0), (2, 2)], ids=str)
+def test_a_bad_run_is_triangularised_alone(bad, where):
+    stack = np.random.default_rng(5).standard_normal((4, 3, 5))
+    stack[1] = np.eye(3, 5)
+    stack[1][where] = bad
+    with np.errstate(all="ignore"):
+        lower = lower_triangular(stack)
+        product = lower[1] @ lower[1].T
+    assert not np.isfinite(product).all()
+    for r in (0, 2, 3):
+        np.testing.assert_array_equal(lower[r], lower_triangular(stack[r : r + 1])[0])
+        assert np.isfinite(lower[r]).all()
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(st.integers(1, 4), st.integers(1, 8), st.integers(0, 2**32 - 1))
+def test_substitution_solves_triangular_equations(runs, p, seed):
+    rng = np.random.default_rng(seed)
+    lower = (np.tril(rng.standard_normal((runs, p, p)), -1) + np.eye(p) * rng.uniform(1, 2, p)) * 10.0 ** rng.uniform(
+        -6, 6, (p, 1)
+    )
+    z = rng.standard_normal((runs, p))
+    b = (lower @ z[..., None])[..., 0]
+    before = b.copy()
+    np.testing.assert_allclose(solve_lower(lower, b), z, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(b, before)
+
+
+def test_a_singular_triangle_is_not_finite_and_its_neighbours_are_as_if_alone():
+    rng = np.random.default_rng(6)
+    lower, b = np.tril(rng.standard_normal((3, 3, 3))), rng.standard_normal((3, 3))
+    lower[1, 1, 1] = 0.0
+    with np.errstate(all="ignore"):
+        z = solve_lower(lower, b)
+    assert not np.isfinite(z[1]).all()
+    for r in (0, 2):
+        np.testing.assert_array_equal(z[r], solve_lower(lower[r : r + 1], b[r : r + 1])[0])
