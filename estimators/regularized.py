@@ -7,7 +7,7 @@ import numpy as np
 
 from suite import particles
 from suite.kernel import bandwidth, epanechnikov
-from suite.linalg import Array, square_root
+from suite.linalg import Array, apply_by_run, square_root
 from suite.model import StateSpaceModel
 from suite.parameters import parameter
 from suite.particle_filter import ParticleFilter
@@ -43,7 +43,7 @@ class Regularized(ParticleFilter):
         mean, cov = belief.moments
         h = bandwidth(n, count)
         root = h * square_root(np.ascontiguousarray(np.moveaxis(cov, -1, 0)[runs]))
-        moves = np.moveaxis(root @ np.moveaxis(epanechnikov(rng.of(runs), n, count), 1, 0), 0, 1)
+        moves = apply_by_run(root, epanechnikov(rng.of(runs), n, count))
         moved = x.copy()
         if self.shrink:  # kernel covariance h² S / (n + 4)
             centre = mean[:, runs, None]

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from suite import particles
 from suite.linalg import Array
 from suite.model import StateSpaceModel
@@ -13,7 +11,8 @@ from suite.particle_filter import ParticleFilter
 from suite.particles import Particles, Resampled
 from suite.proposal import from_transition
 from suite.random import Generators
-from suite.resampling import SCHEMES, Indices, select
+from suite.resampling import SCHEMES, Indices
+from suite.uniform_box import BOXES, UniformBox
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,7 @@ class UniformResampling(ParticleFilter):
     box: str = parameter(
         "kept",
         "what the box encloses: the particles kept, those of them that survive, or the mean ± sqrt(3) deviations of the kept",
-        choices=("kept", "survivors", "deviations"),
+        choices=BOXES,
     )
     threshold: float = parameter(1.0, "resample below this share of effective particles", low=0, high=1)
     resampling: str = parameter("multinomial", "resampling scheme", choices=tuple(SCHEMES))
@@ -45,49 +44,22 @@ class UniformResampling(ParticleFilter):
         return particles.weighted(x, start.logw + fit + evidence, start.parents)
 
     @property
+    def even(self) -> UniformBox:
+        """The way of resampling."""
+        return UniformBox.of(self.fraction, self.particles, self.box, SCHEMES[self.resampling])
+
+    @property
     def keep(self) -> int:
         """How many particles are kept, and drawn from them."""
-        return max(1, round(self.fraction * self.particles))
-
-    def kept(self, weights: Array) -> Indices:
-        """The particles of largest weight [R, keep], in ascending order of index."""
-        largest = np.argpartition(weights, self.particles - self.keep, axis=1)[:, -self.keep :]
-        return np.sort(largest, axis=1)
+        return self.even.keep
 
     def survivors(self, weights: Array, rng: Generators) -> Indices:
         """Indices [R, N]: draws from the particles kept; the last one stands in for those that are drawn evenly."""
-        kept = self.kept(weights)
-        share = np.take_along_axis(weights, kept, axis=1)
-        drawn = SCHEMES[self.resampling](share / share.sum(1, keepdims=True), rng)
-        survivors = np.take_along_axis(kept, drawn, axis=1)
-        return np.pad(survivors, ((0, 0), (0, self.particles - self.keep)), mode="edge")
+        return self.even.survivors(weights, rng)
 
     def filled(self, belief: Particles, start: Resampled, rng: Generators) -> Array:
         """The resampled particles [n, R, N], those behind the first `keep` drawn evenly over the box."""
-        runs, rest = start.runs, self.particles - self.keep
-        if not len(runs) or not rest:
-            return start.x
-        low, high = self.corners(belief, start)
-        x = start.x.copy()
-        x[:, runs, self.keep :] = low + (high - low) * rng.of(runs).random((len(x), len(runs), rest))
-        return x
-
-    def corners(self, belief: Particles, start: Resampled) -> tuple[Array, Array]:
-        """Lowest and highest corner of the box in each resampled run, [n, R, 1] each."""
-        if self.box == "survivors":
-            inside = start.x[:, start.runs, : self.keep]
-            return inside.min(-1, keepdims=True), inside.max(-1, keepdims=True)
-        weights = belief.weights[start.runs]
-        kept = self.kept(weights)
-        inside, share = select(belief.x[:, start.runs], kept), np.take_along_axis(weights, kept, axis=1)
-        alive = share > 0  # where fewer than `keep` have any weight, the rest of the kept are arbitrary
-        if self.box == "kept":
-            low, high = np.where(alive, inside, np.inf), np.where(alive, inside, -np.inf)
-            return low.min(-1, keepdims=True), high.max(-1, keepdims=True)
-        inside, share = np.where(alive, inside, 0.0), share / share.sum(1, keepdims=True)
-        mean = (inside * share).sum(-1, keepdims=True)
-        half = np.sqrt(3 * ((inside - mean) ** 2 * share).sum(-1, keepdims=True))
-        return mean - half, mean + half
+        return self.even.filled(belief, start, rng)
 
 
 ESTIMATORS = (UniformResampling(),)
