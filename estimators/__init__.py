@@ -3,9 +3,24 @@
 from estimators import (
     auxiliary,
     bootstrap,
+    ckf,
+    ekf,
+    ghkf,
+    glr,
     guided,
+    imm,
+    imm_aupf,
+    imm_cusum,
+    imm_pf,
+    imm_regularized,
     isir,
+    iterated_ekf,
     kalman,
+    mode_rao_blackwellised,
+    multiple_model_pf,
+    nis_chi2,
+    pf_cusum,
+    pf_sprt,
     progressive,
     rao_blackwellised,
     regularized,
@@ -16,27 +31,46 @@ from estimators import (
     uniform_resampling,
     unscented,
 )
-from estimators.peers import filterpy
+from estimators.peers import filterpy, filterpy_imm
 from suite.estimator import Estimator
 from suite.registry import Registry
 
-ESTIMATORS: Registry[Estimator] = Registry(
-    "estimator",
-    (
-        *kalman.ESTIMATORS,
-        *ukf.ESTIMATORS,
-        *filterpy.ESTIMATORS,
-        *sis.ESTIMATORS,
-        *bootstrap.ESTIMATORS,
-        *sir.ESTIMATORS,
-        *auxiliary.ESTIMATORS,
-        *regularized.ESTIMATORS,
-        *guided.ESTIMATORS,
-        *isir.ESTIMATORS,
-        *resample_move.ESTIMATORS,
-        *uniform_resampling.ESTIMATORS,
-        *unscented.ESTIMATORS,
-        *progressive.ESTIMATORS,
-        *rao_blackwellised.ESTIMATORS,
-    ),
+MODULES = (
+    # Gaussian filters.
+    kalman,
+    ekf,
+    iterated_ekf,
+    ukf,
+    ckf,
+    ghkf,
+    filterpy,
+    # Particle filters.
+    sis,
+    bootstrap,
+    sir,
+    auxiliary,
+    regularized,
+    guided,
+    isir,
+    resample_move,
+    uniform_resampling,
+    unscented,
+    progressive,
+    rao_blackwellised,
+    # Several modes.
+    imm,
+    filterpy_imm,
+    imm_pf,
+    imm_regularized,
+    imm_aupf,
+    multiple_model_pf,
+    mode_rao_blackwellised,
+    # Detectors of manoeuvres.
+    nis_chi2,
+    glr,
+    imm_cusum,
+    pf_cusum,
+    pf_sprt,
 )
+
+ESTIMATORS: Registry[Estimator] = Registry("estimator", [entry for module in MODULES for entry in module.ESTIMATORS])

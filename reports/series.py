@@ -80,7 +80,7 @@ def tracks(case: CaseResults, labels: Sequence[str]) -> Tracks | None:
     usable = np.flatnonzero(first.estimate.ok)
     order = usable[np.argsort(error[usable], kind="stable")]
     run = first.runs[order[(len(order) - 1) // 2]]
-    truth = case.truth_of[run][0][:, plane].T
+    truth = case.truth_of[run].x[:, plane].T
     estimates = {}
     for cell in cells:
         place = cell.runs.index(run) if run in cell.runs else None
@@ -98,6 +98,11 @@ def errors(case: CaseResults, labels: Sequence[str]) -> dict[str, list[Series]]:
 def consistency(case: CaseResults, labels: Sequence[str]) -> list[Series]:
     """Normalised estimation error squared over time."""
     return over_time(case, METRICS["nees"], labels).get("state", [])
+
+
+def modes(case: CaseResults, labels: Sequence[str]) -> list[Series]:
+    """Brier score of the mode probabilities over time; none on a case of a single mode."""
+    return over_time(case, METRICS["brier"], labels).get("modes", [])
 
 
 def sampled(steps: int, most: int = 60) -> list[int]:

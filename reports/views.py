@@ -39,6 +39,11 @@ class CellView:
         return self.total - self.lost - self.failed
 
     @property
+    def told(self) -> str:
+        """The nominal mode of a case with several modes, where the estimator was told that one alone; else nothing."""
+        return str(self.meta.get("told", ""))
+
+    @property
     def reasons(self) -> list[str]:
         """What went wrong, each reason once."""
         return list(dict.fromkeys(f"{'while timed: ' if kind == TIMING else ''}{why}" for kind, why, _ in self.failures))

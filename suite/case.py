@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from suite.errors import BadInput
+from suite.jump import JumpModel, Model, Modes, simulated
 from suite.linalg import Array
-from suite.model import Sensor, StateSpaceModel
+from suite.model import Sensor
 from suite.random import Generators, Streams
 
 
@@ -64,10 +65,14 @@ class Equation:
 
 @dataclass(frozen=True)
 class Truth:
-    """What really happened: states x[T, n, R] and measurements y[T, m, R], NaN where unknown or not observed."""
+    """What really happened: states x[T, n, R] and measurements y[T, m, R], NaN where unknown or not observed.
+
+    mode[T, R]: which mode of a jump-Markov model was in force, where the case has one.
+    """
 
     x: Array
     y: Array
+    mode: Modes | None = None
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,8 @@ class Card:
     published: tuple[Published, ...] = ()
     plane: tuple[int, int] | None = None
     landmarks: tuple[tuple[str, float, float], ...] = ()
+    modes: tuple[str, ...] = ()
+    nominal: str = ""
 
     def block(self, name: str) -> StateBlock:
         """The state block of that name."""
@@ -103,6 +110,7 @@ class Card:
         made = dict(data)
         made["state"] = tuple(data["state"])
         made["assumptions"] = tuple(data["assumptions"])
+        made["modes"] = tuple(data["modes"])
         made["blocks"] = tuple(StateBlock(b["name"], tuple(b["components"]), b["unit"]) for b in data["blocks"])
         made["divergence"] = Divergence(**data["divergence"])
         made["equations"] = tuple(Equation(**e) for e in data["equations"])
@@ -118,10 +126,10 @@ class Case(Card):
 
     generate takes the generators of a batch of runs and returns their Truth; it may differ from the model. `data`
     names the files it reads. interval is the time between steps in seconds; plane, the two state components to draw
-    on the ground; landmarks, named points on that plane.
+    on the ground; landmarks, named points on that plane. modes and nominal follow from a model that has several modes.
     """
 
-    model: StateSpaceModel
+    model: Model
     generate: Callable[[Generators], Truth]
     data: tuple[Path, ...] = ()
 
@@ -134,6 +142,9 @@ class Case(Card):
                 raise ValueError(f"case {self.name}: block {block.name!r} names components outside 0..{n - 1}")
         if self.divergence.block not in [b.name for b in self.blocks]:
             raise ValueError(f"case {self.name}: divergence names an unknown block {self.divergence.block!r}")
+        if isinstance(self.model, JumpModel):
+            object.__setattr__(self, "modes", self.model.names)
+            object.__setattr__(self, "nominal", self.model.names[self.model.nominal])
         if self.steps < 1:
             raise ValueError(f"case {self.name}: steps must be at least 1, got {self.steps}")
 
@@ -148,11 +159,15 @@ class Case(Card):
         for name, array, rows in (("x", truth.x, self.model.n), ("y", truth.y, self.model.m)):
             if np.shape(array) != (self.steps, rows, runs):
                 raise ValueError(f"case {self.name}: {name} has shape {np.shape(array)}, not {(self.steps, rows, runs)}")
+        if truth.mode is not None and np.shape(truth.mode) != (self.steps, runs):
+            raise ValueError(f"case {self.name}: mode has shape {np.shape(truth.mode)}, not {(self.steps, runs)}")
         return truth
 
 
-def draw(model: StateSpaceModel, steps: int, rng: Generators) -> Truth:
+def draw(model: Model, steps: int, rng: Generators) -> Truth:
     """Truth and measurements drawn from the model itself."""
+    if isinstance(model, JumpModel):
+        return Truth(*simulated(model, steps, rng))
     x = model.prior.sample(rng, (rng.runs,))
     states = []
     for k in range(1, steps + 1):

@@ -15,8 +15,8 @@ import cases
 from estimators import ESTIMATORS
 from suite import parameters, plan, results, score
 from suite.arguments import parse
-from suite.conformance import examine, summary
 from suite.errors import BadInput, near
+from suite.examination import examine, summary
 from suite.metrics import METRICS
 from suite.problems import PROBLEMS
 from suite.progress import Progress

@@ -4,16 +4,13 @@ A check raises `Finding` when its rule, which is its docstring, is broken.
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from suite import parameters
-from suite.case import Case
-from suite.errors import BadInput, one_line
-from suite.estimator import Estimate, Estimator
-from suite.linalg import Array
+from suite.estimator import Estimate, told
 from suite.problems import PROBLEMS
 from suite.trial import (
     ALL,
@@ -135,6 +132,20 @@ def innovation(trial: Trial) -> None:
         raise Finding("innovation is not finite where something was measured")
 
 
+def mode_probabilities(trial: Trial) -> None:
+    """Mode probabilities lie between 0 and 1 and sum to one, in every step of a run that is not lost."""
+    modes = trial.plain.mode
+    if modes is not None:
+        modes = modes[:, :, trial.plain.ok]
+        if not ((modes >= -1e-9) & (modes <= 1 + 1e-9)).all() or (np.abs(modes.sum(1) - 1) > 1e-6).any():
+            raise Finding("mode holds numbers that are no probabilities, or do not sum to one")
+
+
+def statistic(trial: Trial) -> None:
+    """The decision statistic of a detector is finite in every step of a run that is not lost."""
+    demand_within(trial, "statistic", -np.finfo(float).max, np.finfo(float).max)
+
+
 def seconds(trial: Trial) -> None:
     """The seconds of a step are those of all runs computed together divided by their number, which is in batch."""
     taken = np.asarray(trial.plain.seconds)
@@ -157,7 +168,7 @@ def measurements_untouched(trial: Trial) -> None:
 
 def model_untouched(trial: Trial) -> None:
     """The model stays as it is; work on a copy."""
-    if changed := difference(numbers(trial.case.model), numbers(trial.outcome.model)):
+    if changed := difference(numbers(told(trial.estimator, trial.case.model)), numbers(trial.outcome.model)):
         raise Finding(f"run changed {changed}")
 
 
@@ -233,67 +244,14 @@ def fewest_particles(trial: Trial) -> None:
 
 CHECKS: tuple[Check, ...] = (
     name, reference, parameter_ranges, parameter_descriptions, accepts,
-    run, silence, shapes, finiteness, covariances, log_likelihood, ess, ancestors, acceptance, innovation, seconds,
+    run, silence, shapes, finiteness, covariances, log_likelihood, ess, ancestors, acceptance, innovation,
+    mode_probabilities, statistic, seconds,
     measurements_untouched, model_untouched, repetition, single_runs, blocks, causality,
     empty_step, missing_component, empty_run, impossible_measurements, one_step, fewest_particles,
 )  # fmt: skip
 """All rules in order; from `run` on they are checked on the cases that the estimator accepts."""
 NEEDED = (parameter_ranges, accepts, run, shapes, finiteness)
 """When one of these is broken, the ones after it tell nothing."""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What became of a check on a case: ok, refused with a reason, or what was found and the rule that it breaks."""
-
-    check: str
-    case: str
-    words: str = "ok"
-    broken: bool = False
-
-
-def examine(estimator: Estimator, problems: Sequence[tuple[Case, Array]]) -> Iterator[Verdict]:
-    """The verdicts of all checks on cases with their measurements [T, m, R]; never raises for an estimator's faults."""
-    refused = 0
-    for case, y in problems:
-        trial = Trial(estimator, case, y)
-        for check in CHECKS:
-            if check is run and trial.refusal:
-                refused += 1
-                yield Verdict(title(check), case.name, f"refused: {' '.join(trial.refusal.split())}")
-                break
-            try:
-                check(trial)
-            except Exception as error:
-                what = str(error) if isinstance(error, Finding | BadInput) else one_line(error)
-                rule = (check.__doc__ or "").strip(" .")
-                yield Verdict(title(check), case.name, f"{what}; {rule[0].lower()}{rule[1:]}", broken=True)
-                if check in NEEDED:
-                    break
-            else:
-                yield Verdict(title(check), case.name)
-    if refused == len(problems):
-        words = "every case on offer is refused, so nothing was run; name one that is accepted"
-        yield Verdict(title(accepts), "", words, broken=True)
-
-
-def title(check: Check) -> str:
-    """Name of a check in words."""
-    return check.__name__.replace("_", " ")
-
-
-def summary(verdicts: Sequence[Verdict]) -> list[tuple[str, str, str]]:
-    """Rows (check, cases, words) in the order of the checks; cases with the same words share a row."""
-    merged: dict[tuple[str, str], list[str]] = {}
-    for verdict in verdicts:
-        merged.setdefault((verdict.check, verdict.words), []).append(verdict.case)
-    order = [title(check) for check in CHECKS]
-    rows = [(check, _some(cases), words) for (check, words), cases in merged.items()]
-    return sorted(rows, key=lambda row: order.index(row[0]))
-
-
-def _some(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
 
 
 def _particles(trial: Trial) -> float:

@@ -4,19 +4,22 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from suite import parameters
 from suite.errors import BadInput, one_line
+from suite.jump import JumpModel, Model
 from suite.linalg import Array
 from suite.model import StateSpaceModel
 from suite.random import Generators, Streams
 
 OK, LOST, FAILED = "ok", "lost", "failed"
-TRACES = ("loglik", "ess", "ancestors", "acceptance")
+TRACES = ("loglik", "ess", "ancestors", "acceptance", "statistic")
 """The optional parts of an estimate that are one number a step and run."""
+VECTORS = ("innovation", "mode")
+"""Those that are several numbers a step and run."""
 
 
 @dataclass
@@ -26,8 +29,10 @@ class Estimate:
     mean[T, n, R] and cov[T, n, n, R] of x_k given y_1..y_k; loglik[T, R], log p(y_k | y_1..y_{k-1}); ess[T, R],
     effective sample size; ancestors[T, R], particles of the step before with offspring; acceptance[T, R], share of
     particles moved, NaN where no move was tried; innovation[T, m, R], measurement minus its prediction, whitened by its
-    covariance; status[R], one of ok, lost, failed, with reason[R]; seconds[T, R], time of a step divided by the runs computed
-    together; batch[R], how many runs were computed in the call.
+    covariance; mode[T, M, R], probabilities of the modes of a jump-Markov model given y_1..y_k; statistic[T, R], what a
+    detector of manoeuvres compares with a threshold, larger for a manoeuvre; status[R], one of ok, lost, failed, with
+    reason[R]; seconds[T, R], time of a step divided by the runs computed together; batch[R], how many runs were computed in
+    the call.
     """
 
     mean: Array
@@ -37,6 +42,8 @@ class Estimate:
     ancestors: Array | None = None
     acceptance: Array | None = None
     innovation: Array | None = None
+    mode: Array | None = None
+    statistic: Array | None = None
     status: Sequence[str] = ()
     reason: Sequence[str] = ()
     seconds: Array | None = None
@@ -70,7 +77,7 @@ def join(parts: Sequence[Estimate]) -> Estimate:
 
 def alike(parts: Sequence[Estimate]) -> Sequence[Estimate]:
     """The same estimates, each given the optional parts that any of them has, as NaN, so that none is lost in `join`."""
-    for name in (*TRACES, "innovation", "seconds"):
+    for name in (*TRACES, *VECTORS, "seconds"):
         known = next((getattr(part, name) for part in parts if getattr(part, name) is not None), None)
         for part in parts:
             if known is not None and getattr(part, name) is None:
@@ -114,6 +121,8 @@ class Readout:
     ancestors: Array | None = None
     acceptance: Array | None = None
     innovation: Array | None = None
+    mode: Array | None = None
+    statistic: Array | None = None
 
 
 class StepError(Exception):
@@ -128,6 +137,8 @@ class Filter(ABC):
 
     name: str
     reference: str
+    takes_modes: ClassVar[bool] = False
+    """Whether it is told the modes of a jump-Markov model; otherwise it is told the nominal mode alone."""
 
     def __post_init__(self) -> None:
         parameters.check(self)
@@ -152,9 +163,9 @@ class Filter(ABC):
         """How many runs to carry together, so that their arrays stay in the processor's cache; None for all."""
         return None
 
-    def run(self, model: StateSpaceModel, y: Array, seed: int | Streams = 0) -> Estimate:
+    def run(self, model: Any, y: Array, seed: int | Streams = 0) -> Estimate:
         """Filter measurements y[T, m, R]. Raises BadInput when their shape does not fit, StepError when a step does."""
-        y = measurements(model, y)
+        model, y = told(self, model), measurements(model, y)
         streams, runs = Streams.of(seed), y.shape[2]
         size = self.runs_at_once(model) or runs
         starts = range(0, runs, size)
@@ -185,27 +196,35 @@ class Filter(ABC):
 
 def _bury(out: Estimate, alive: Any, now: Readout, k: int) -> Any:
     """Mark the runs whose numbers stopped being finite at step k; they stay lost."""
+    if np.isfinite(now.mean).all() and np.isfinite(now.cov).all():
+        return alive
     sound = np.isfinite(now.mean).all(0) & np.isfinite(now.cov).all((0, 1))
     collapsed = np.zeros_like(sound) if now.loglik is None else now.loglik == -np.inf
     for r in np.flatnonzero(alive & ~sound):
-        why = "every particle has zero likelihood" if collapsed[r] else "the state estimate is not finite"
+        why = "the measurement has zero likelihood" if collapsed[r] else "the state estimate is not finite"
         out.status[r], out.reason[r] = LOST, f"step {k}: {why}"  # type: ignore[index]
     return alive & sound
 
 
 def _write(out: Estimate, now: Readout, row: int, alive: Any) -> None:
     """Store one step's readout; a lost run keeps NaN from its last step on."""
-    steps = len(out.mean)
-    for name in ("mean", "cov", *TRACES, "innovation"):
+    steps, whole = len(out.mean), alive.all()
+    for name in ("mean", "cov", *TRACES, *VECTORS):
         value = getattr(now, name)
         if value is None:
             continue
         if getattr(out, name) is None:
             setattr(out, name, np.full((steps, *value.shape), np.nan))
-        getattr(out, name)[row] = np.where(alive, value, np.nan)
+        getattr(out, name)[row] = value if whole else np.where(alive, value, np.nan)
 
 
-def measurements(model: StateSpaceModel, y: Array) -> Array:
+def told(estimator: Estimator, model: Model) -> Any:
+    """What an estimator is told of a model: jump-Markov models whole if it takes modes, otherwise their nominal mode."""
+    whole = isinstance(estimator, Filter) and estimator.takes_modes
+    return model.nominal_mode if isinstance(model, JumpModel) and not whole else model
+
+
+def measurements(model: Model, y: Array) -> Array:
     """Measurements as floats y[T, m, R]. Raises BadInput when the shape does not fit the model."""
     y = np.asarray(y, float)
     if y.ndim != 3 or y.shape[1] != model.m or 0 in y.shape:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +72,7 @@ def blocks(count: int) -> list[slice]:
     return [slice(s, s + BLOCK) for s in range(0, count, BLOCK)]
 
 
-def blockwise(function: Callable[..., tuple[Array, ...]], *arrays: Array) -> tuple[Array, ...]:
+def blockwise(function: Callable[..., tuple[Array, ...]], *arrays: NDArray[Any]) -> tuple[Array, ...]:
     """What a function of arrays [..., N] gives, computed for at most BLOCK particles at a time.
 
     The function returns arrays [..., N] and may draw random numbers; the blocks are fixed, so the numbers are too.
@@ -103,16 +104,19 @@ def weighted(x: Array, logw: Array, parents: Indices, acceptance: Array | None =
     """
     logw = np.fmax(logw, -np.inf)
     top = logw.max(-1)
-    weights = np.exp(logw - top[:, None])
+    rest = logw - top[:, None]  # first of all: next to a huge log-likelihood the log of the sum would be lost
+    weights = np.exp(rest)
     total = weights.sum(-1)
     weights /= total[:, None]
     loglik = np.where(top == -np.inf, top, top + np.log(total))
     ancestors = 1.0 + np.count_nonzero(parents[:, 1:] != parents[:, :-1], axis=1)
-    made = Particles(x, logw - loglik[:, None], weights, loglik, ancestors, acceptance)
+    made = Particles(x, rest - np.log(total)[:, None], weights, loglik, ancestors, acceptance)
     if np.isfinite(made.mean).all():
         return made
     gone = ~np.isfinite(x).all(0)
-    return weighted(np.where(gone, 0.0, x), np.where(gone, -np.inf, logw), parents, acceptance) if gone.any() else made
+    if not gone.any():
+        return made
+    return weighted(np.where(gone, 0.0, x), np.where(gone, -np.inf, logw), parents, acceptance)
 
 
 def all_of(runs: int, count: int) -> Indices:

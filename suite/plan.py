@@ -9,7 +9,7 @@ from typing import Any
 from suite import parameters
 from suite.case import Case
 from suite.errors import BadInput, one_line
-from suite.estimator import Estimator
+from suite.estimator import Estimator, told
 from suite.provenance import fingerprint
 from suite.registry import Catalog
 from suite.store import Entry
@@ -98,7 +98,7 @@ def make(
 def _refusal(estimator: Estimator, case: Case) -> str | None:
     """Why the estimator cannot run on the case, if so. Raises BadInput when its `accepts` does not say."""
     try:
-        reason = estimator.accepts(case.model)
+        reason = estimator.accepts(told(estimator, case.model))
     except Exception as error:
         raise BadInput(f"{estimator.name}: accepts raised for the model of {case.name}: {one_line(error)}") from error
     if not isinstance(reason, str | None):

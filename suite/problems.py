@@ -2,19 +2,21 @@
 
 Affine and curved functions, angles that wrap, functions of time, gaps that differ from run to run, one component, process
 noise that is singular, a prior that is a point, conditionally linear components, heavy tails, laws that are no sum of a
-function and a noise.
+function and a noise, modes that change.
 """
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from suite.case import Case, Divergence, StateBlock, Truth, draw
+from suite.jump import JumpModel, Model
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian, StudentT
+from suite.nonadditive import NonadditiveSensor, NonadditiveTransition
 from suite.random import Generators
 
 STEPS = 5
@@ -39,8 +41,33 @@ def _bearing_and_range(x: Array, k: int) -> Array:
     return np.stack([np.atan2(py, px), np.sqrt(px * px + py * py)])
 
 
+CURVED = StateSpaceModel(
+    PRIOR,
+    AdditiveTransition(MOTION, DISTURBANCE),
+    AdditiveSensor(_bearing_and_range, Gaussian.diagonal([0.05**2, 4.0]), angles=(0,)),
+    linear=(1, 3),
+)
+
+
+def _turned(x: Array, k: int) -> Array:
+    px, vx, py, vy = x
+    return np.stack([px + vx, 0.8 * vx - 0.6 * vy, py + vy, 0.6 * vx + 0.8 * vy])
+
+
+def _swung(x: Array, w: Array, k: int) -> Array:
+    angle, rate = x
+    push, share = w
+    return np.stack([angle + 0.1 * rate, (1 + share) * rate - 0.5 * np.sin(angle) + push])
+
+
+def _scaled(x: Array, v: Array, k: int) -> Array:
+    angle, rate = x
+    return np.stack([np.sin(angle) * (1 + v[0]) + v[1], rate + angle * v[0] + 0.3 * v[1]])
+
+
 def _growth(x: Array, k: int) -> Array:
-    return np.asarray(0.5 * x + 25 * x / (1 + x * x) + 8 * np.cos(1.2 * k))
+    push: float = 8 * np.cos(1.2 * k)
+    return 0.5 * x + 25 * x / (1 + x * x) + push
 
 
 def _square(x: Array, k: int) -> Array:
@@ -82,7 +109,7 @@ def _with_gaps(rng: Generators) -> Truth:
     return Truth(truth.x, y)
 
 
-def _problem(name: str, model: StateSpaceModel, words: str, generate: Callable[[Generators], Truth] | None = None) -> Case:
+def _problem(name: str, model: Model, words: str, generate: Callable[[Generators], Truth] | None = None) -> Case:
     components = tuple(range(model.n))
     return Case(
         name=f"check/{name}",
@@ -103,12 +130,7 @@ PROBLEMS = (
     _problem("linear", LINEAR, "constant velocity, both coordinates measured"),
     _problem(
         "angle",
-        StateSpaceModel(
-            PRIOR,
-            AdditiveTransition(MOTION, DISTURBANCE),
-            AdditiveSensor(_bearing_and_range, Gaussian.diagonal([0.05**2, 4.0]), angles=(0,)),
-            linear=(1, 3),
-        ),
+        CURVED,
         "bearing and range, the bearing crossing from pi to -pi",
     ),
     _problem("gaps", LINEAR, "measurements missing in steps, components and whole runs", _with_gaps),
@@ -146,5 +168,33 @@ PROBLEMS = (
         "spread",
         StateSpaceModel(Gaussian.diagonal([1.0]), Spread(0.9, 0.5, 0.1), Spread(1.0, 0.2, 0.5)),
         "noises that depend on the state",
+    ),
+    _problem(
+        "nonadditive",
+        StateSpaceModel(
+            Gaussian.diagonal([1.0, 0.5]),
+            NonadditiveTransition(_swung, Gaussian.diagonal([0.1, 0.05])),
+            NonadditiveSensor(_scaled, Gaussian.noise([[0.02, 0.01], [0.01, 0.04]]), dim=2),
+        ),
+        "noises inside the functions of motion and measurement",
+    ),
+    _problem(
+        "jump",
+        JumpModel(
+            (LINEAR, replace(LINEAR, dynamics=AdditiveTransition(MOTION, Gaussian.noise(25 * DISTURBANCE.cov)))),
+            np.array([[0.9, 0.1], [0.3, 0.7]]),
+            np.array([0.8, 0.2]),
+        ),
+        "constant velocity that manoeuvres now and then",
+    ),
+    _problem(
+        "modes",
+        JumpModel(
+            (CURVED, replace(CURVED, dynamics=AdditiveTransition(_turned, DISTURBANCE)), replace(CURVED, sensor=FIX)),
+            np.array([[0.8, 0.1, 0.1], [0.2, 0.8, 0.0], [0.0, 1.0, 0.0]]),
+            np.array([0.5, 0.0, 0.5]),
+            nominal=1,
+        ),
+        "three modes that differ in motion and sensor, one that never stays",
     ),
 )

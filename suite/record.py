@@ -9,7 +9,7 @@ import numpy as np
 
 from suite import parameters, provenance
 from suite.case import Truth
-from suite.estimator import FAILED, OK, TRACES, unavailable
+from suite.estimator import FAILED, OK, TRACES, VECTORS, told, unavailable
 from suite.linalg import Array
 from suite.plan import TIMING, TRUTH, WorkBlock
 from suite.registry import Catalog
@@ -37,6 +37,8 @@ class Recorder:
     def truth(self, block: WorkBlock, truth: Truth) -> Report:
         """Store simulated states and measurements."""
         columns = {"truth": _rows(truth.x), "y": _rows(truth.y)}
+        if truth.mode is not None:
+            columns["true_mode"] = np.ascontiguousarray(truth.mode.T, np.int32).ravel()
         self._write_runs(block, columns, len(truth.x), {})
         return Report(block)
 
@@ -48,11 +50,13 @@ class Recorder:
         columns: dict[str, Any] = {
             "mean": _rows(estimate.mean),
             "cov": _rows(estimate.cov[:, rows, cols]),
-            "innovation": None if estimate.innovation is None else _rows(estimate.innovation),
             "batch": np.repeat(np.asarray(estimate.batch, np.int32), steps),
             "status": texts(estimate.status, steps),
             "reason": texts(estimate.reason, steps),
         }
+        for name in VECTORS:
+            value = getattr(estimate, name)
+            columns[name] = None if value is None else _rows(value)
         for name in (*TRACES, "seconds"):
             value = getattr(estimate, name)
             columns[name] = None if value is None else np.ascontiguousarray(value.T).ravel()
@@ -105,7 +109,7 @@ class Recorder:
         identity = {
             "kind": block.kind,
             "case": self.catalog.cases[block.case].to_dict(),
-            "estimator": self._describe(block.estimator),
+            "estimator": self._describe(block),
             "seed": block.seed,
             "first": block.first,
             "count": block.count,
@@ -121,16 +125,17 @@ class Recorder:
             named["estimator"] = constant(block.estimator, rows)
         Store(self.results).write(block.address, {**identity, **meta}, {**named, **columns}, rows)
 
-    def _describe(self, label: str | None) -> dict[str, Any] | None:
-        if label is None:
+    def _describe(self, block: WorkBlock) -> dict[str, Any] | None:
+        if block.estimator is None:
             return None
-        estimator = self.catalog.estimators[label]
+        label, estimator, case = block.estimator, self.catalog.estimators[block.estimator], self.catalog.cases[block.case]
         return {
             "label": label,
             "name": estimator.name,
             "reference": estimator.reference,
             "summary": (type(estimator).__doc__ or "").strip().partition("\n")[0],
             "parameters": parameters.values(estimator),
+            "told": "" if told(estimator, case.model) is case.model else case.nominal,
         }
 
 

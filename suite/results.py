@@ -10,7 +10,7 @@ import numpy as np
 
 from suite.case import Card, Truth
 from suite.errors import BadInput
-from suite.estimator import TRACES, Estimate, alike, join
+from suite.estimator import TRACES, VECTORS, Estimate, alike, join
 from suite.linalg import Array
 from suite.metrics import Metric, Score
 from suite.metrics.metric import Contributions
@@ -48,7 +48,9 @@ class Cell:
     def truth(self) -> Truth:
         """The truth of the same runs."""
         picked = [self.case.truth_of[r] for r in self.runs]
-        return Truth(np.stack([x for x, _ in picked], axis=-1), np.stack([y for _, y in picked], axis=-1))
+        x, y = (np.stack([getattr(truth, name) for truth in picked], axis=-1) for name in ("x", "y"))
+        modes = [truth.mode for truth in picked if truth.mode is not None]
+        return Truth(x, y, np.stack(modes, axis=-1) if modes else None)
 
     @functools.cached_property
     def timing(self) -> Estimate | None:
@@ -106,14 +108,15 @@ class CaseResults:
     cells: dict[str, Cell] = field(default_factory=dict)
 
     @functools.cached_property
-    def truth_of(self) -> dict[int, tuple[Array, Array]]:
-        """States [T, n] and measurements [T, m] of each run."""
-        found: dict[int, tuple[Array, Array]] = {}
+    def truth_of(self) -> dict[int, Truth]:
+        """States x[T, n], measurements y[T, m] and modes [T] of each run."""
+        found: dict[int, Truth] = {}
         for entry in self.truths:
-            columns = read(entry.path, ["truth", "y"])
+            columns = read(entry.path, ["truth", "y", "true_mode"])
             runs = list(_runs(entry))
             x, y = (_steps(columns[name], len(runs)) for name in ("truth", "y"))
-            found |= {run: (x[:, :, i], y[:, :, i]) for i, run in enumerate(runs)}
+            mode = None if columns["true_mode"] is None else columns["true_mode"].reshape(len(runs), -1)
+            found |= {run: Truth(x[:, :, i], y[:, :, i], None if mode is None else mode[i]) for i, run in enumerate(runs)}
         return found
 
 
@@ -208,7 +211,7 @@ def _steps(rows: Array, runs: int) -> Array:
 
 
 def _read_estimate(entry: Entry, card: Card) -> Estimate:
-    names = ["mean", "cov", *TRACES, "innovation", "seconds", "batch", "status", "reason"]
+    names = ["mean", "cov", *TRACES, *VECTORS, "seconds", "batch", "status", "reason"]
     columns = read(entry.path, names)
     runs, n = entry.meta["count"], len(card.state)
     lower = _steps(columns["cov"], runs)
@@ -219,7 +222,8 @@ def _read_estimate(entry: Entry, card: Card) -> Estimate:
     parts: dict[str, Any] = {name: list(columns[name][:: card.steps]) for name in ("batch", "status", "reason")}
     for name in (*TRACES, "seconds"):
         parts[name] = None if columns[name] is None else columns[name].reshape(runs, -1).T
-    parts["innovation"] = None if columns["innovation"] is None else _steps(columns["innovation"], runs)
+    for name in VECTORS:
+        parts[name] = None if columns[name] is None else _steps(columns[name], runs)
     return Estimate(_steps(columns["mean"], runs), cov, **parts)
 
 
@@ -246,7 +250,7 @@ def _pick(blocks: list[Estimate], runs: list[list[int]], wanted: list[int]) -> E
     place = {run: i for i, run in enumerate([r for block in runs for r in block])}
     index = [place[r] for r in wanted]
     parts: dict[str, Any] = {}
-    for name in ("mean", "cov", *TRACES, "innovation", "seconds"):
+    for name in ("mean", "cov", *TRACES, *VECTORS, "seconds"):
         value = getattr(whole, name)
         parts[name] = None if value is None else value[..., index]
     for name in ("status", "reason", "batch"):

@@ -19,7 +19,7 @@ ROUNDING = 1e-6
 """Relative differences below this are rounding between two ways to compute the same thing, whatever their sign."""
 COLUMNS = (
     "case", "seed", "estimator", "metric", "block", "value", "low", "high", "unit", "runs", "total", "lost", "failed",
-    "standing", "status", "reason",
+    "standing", "status", "reason", "told",
 )  # fmt: skip
 
 
@@ -36,7 +36,8 @@ def _case_rows(case: CaseResults, metrics: Sequence[Metric], estimators: set[str
     for label, cell in case.cells.items():
         if label not in estimators:
             continue
-        base = {"case": case.card.name, "seed": case.seed, "estimator": label, **status(cell)}
+        told = cell.meta.get("told", "")
+        base = {"case": case.card.name, "seed": case.seed, "estimator": label, "told": told, **status(cell)}
         scores = [(m, b, s) for m in metrics for b, s in cell.scores(m).items()]
         if not scores:
             rows.append(base)

@@ -39,13 +39,16 @@ SCHEMA = pa.schema(
         "step": pa.int32(),
         "truth": _VECTOR,
         "y": _VECTOR,
+        "true_mode": pa.int32(),
         "mean": _VECTOR,
         "cov": _VECTOR,
         "loglik": pa.float64(),
         "ess": pa.float64(),
         "ancestors": pa.float64(),
         "acceptance": pa.float64(),
+        "statistic": pa.float64(),
         "innovation": _VECTOR,
+        "mode": _VECTOR,
         "seconds": pa.float64(),
         "batch": pa.int32(),
         "status": _TEXT,
@@ -152,7 +155,7 @@ class Store:
 
 
 def read(path: Path, names: list[str]) -> dict[str, Any]:
-    """Columns of a block as arrays: numbers [rows], vectors [rows, d], texts as lists; None where a column is null.
+    """Columns of a block as arrays: numbers [rows], vectors [rows, d], texts as lists; None for a column that holds nothing.
 
     Raises StoreError when the file's contents are damaged.
     """
@@ -160,7 +163,7 @@ def read(path: Path, names: list[str]) -> dict[str, Any]:
         table = pq.read_table(path, columns=names, partitioning=None, page_checksum_verification=True)
     except (OSError, pa.ArrowException) as error:
         raise StoreError(f"{path} is damaged ({' '.join(str(error).split())[:120]}); run again to recompute it") from error
-    return {name: _array(table.column(name)) for name in names}
+    return {name: _array(table.column(name)) if name in table.column_names else None for name in names}
 
 
 def vectors(values: Array) -> pa.ListArray:

@@ -17,7 +17,8 @@ def describe(entry: Any) -> str:
     """What a case, a metric or an estimator is, with the parameters it takes."""
     if isinstance(entry, Case):
         blocks = ", ".join(b.title for b in entry.blocks)
-        return f"{entry.title}; {entry.steps} steps; {blocks}"
+        modes = f"; modes: {', '.join(entry.modes)}" if entry.modes else ""
+        return f"{entry.title}; {entry.steps} steps; {blocks}{modes}"
     if entry.name in METRICS and entry is METRICS[entry.name]:
         better = entry.better if isinstance(entry.better, str) else f"target {entry.better:g}"
         return f"{entry.title} ({better}); {entry.words}"
@@ -48,7 +49,8 @@ def print_scores(frame: Any) -> None:
             mark = {score.BEST: "best", score.TIED: "tied for best"}.get(r.standing, "")
             value = f"{r.value:.4g} {r.unit}" if r.value == r.value else "none"
             interval = f"[{r.low:.4g}, {r.high:.4g}]" if r.low == r.low else "one run" if r.runs == 1 else ""
-            rows.append((r.estimator, f"{r.metric}:{r.block}", value, interval, f"{r.runs}/{r.total}", mark))
+            name = f"{r.estimator} (told the mode {r.told} alone)" if r.told else r.estimator
+            rows.append((name, f"{r.metric}:{r.block}", value, interval, f"{r.runs}/{r.total}", mark))
         print_table(
             f"{case}, seed {group.seed.iloc[0]}", ("estimator", "metric", "value", "95 % interval", "runs", "standing"), rows
         )

@@ -14,9 +14,9 @@ import numpy as np
 
 from suite.case import Case
 from suite.errors import BadInput, one_line
-from suite.estimator import FAILED, LOST, TRACES, Estimate, Estimator
+from suite.estimator import FAILED, LOST, TRACES, VECTORS, Estimate, Estimator, told
+from suite.jump import Model
 from suite.linalg import Array
-from suite.model import StateSpaceModel
 from suite.random import Streams
 from suite.work import FAULTS, examined
 
@@ -25,7 +25,7 @@ STREAMS = Streams(("conformance",))
 ALL = slice(None)
 SPOILT = slice(1, 3)
 """The runs whose measurements are taken away or replaced; those beside them must not notice."""
-PARTS = ("mean", "cov", *TRACES, "innovation")
+PARTS = ("mean", "cov", *TRACES, *VECTORS)
 Numbers = Mapping[str, tuple[Any, ...]]
 
 
@@ -40,7 +40,7 @@ class Outcome:
     returned: object
     elapsed: float
     written: str
-    model: StateSpaceModel
+    model: Model
     y: Array
 
 
@@ -84,7 +84,7 @@ class Trial:
         return found
 
     def _call(self, y: Array, seed: int | Streams) -> Outcome:
-        model, y, written = copy.deepcopy(self.case.model), y.copy(), io.StringIO()
+        model, y, written = copy.deepcopy(told(self.estimator, self.case.model)), y.copy(), io.StringIO()
         begin = time.perf_counter()
         try:
             with contextlib.redirect_stdout(written), contextlib.redirect_stderr(written), np.errstate(all="ignore"):
@@ -111,7 +111,8 @@ def measured(case: Case) -> tuple[Case, Array]:
 
 def opinion(estimator: Estimator, case: Case) -> str | None:
     """What `accepts` says of a case's model. Raises Finding when it is neither None nor text, or the model changed."""
-    model, written = copy.deepcopy(case.model), io.StringIO()
+    before = told(estimator, case.model)
+    model, written = copy.deepcopy(before), io.StringIO()
     try:
         with contextlib.redirect_stdout(written), contextlib.redirect_stderr(written), np.errstate(all="ignore"):
             reason = estimator.accepts(model)
@@ -121,7 +122,7 @@ def opinion(estimator: Estimator, case: Case) -> str | None:
         raise Finding(f"accepts wrote {' '.join(written.getvalue().split())[:200]!r}")
     if reason is not None and not (isinstance(reason, str) and reason.strip()):
         raise Finding(f"accepts returned {reason!r} for the model of {case.name}")
-    if changed := difference(numbers(case.model), numbers(model)):
+    if changed := difference(numbers(before), numbers(model)):
         raise Finding(f"accepts changed {changed} of {case.name}")
     return reason
 

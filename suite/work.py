@@ -11,7 +11,7 @@ import numpy as np
 from suite import parameters
 from suite.case import Case, Truth
 from suite.errors import one_line
-from suite.estimator import FAILED, LOST, OK, TRACES, Estimate, Estimator, StepError, alike, join, unavailable
+from suite.estimator import FAILED, LOST, OK, TRACES, Estimate, Estimator, StepError, alike, join, told, unavailable
 from suite.linalg import Array
 from suite.random import Streams
 
@@ -51,7 +51,7 @@ def _attempt(case: Case, estimator: Estimator, y: Array, streams: Streams) -> Do
     runs = y.shape[2]
     try:
         begin = time.perf_counter()
-        estimate = estimator.run(case.model, y.copy(), streams)
+        estimate = estimator.run(told(estimator, case.model), y.copy(), streams)
         return Done(examined(estimate, case, runs, time.perf_counter() - begin))
     except FAULTS as error:
         if runs == 1:
@@ -85,6 +85,7 @@ def examined(estimate: object, case: Case, runs: int, elapsed: float) -> Estimat
         "cov": (steps, n, n, runs),
         **dict.fromkeys(TRACES, (steps, runs)),
         "innovation": (steps, m, runs),
+        "mode": (steps, max(1, len(case.modes)), runs),
         "seconds": (steps, runs),
         "status": (runs,),
         "reason": (runs,),
@@ -148,7 +149,7 @@ def measure_time(case: Case, estimator: Estimator, seed: int) -> Timing:
 
 def _timed_call(case: Case, estimator: Estimator, y: Array, seed: int) -> Array:
     begin = time.perf_counter()
-    estimate = estimator.run(case.model, y.copy(), seed)
+    estimate = estimator.run(told(estimator, case.model), y.copy(), seed)
     elapsed = time.perf_counter() - begin
     if estimate.seconds is None:
         return np.full(len(y), elapsed / (len(y) * y.shape[2]))

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PLUGINS = Path(__file__).resolve().parent / "plugins"
 TINY = str(PLUGINS / "tiny.py")
 NO_CHANGE: Mapping[str, str] = {}
-NUMBERS = ["truth", "y", "mean", "cov", "loglik", "ess", "innovation", "status", "reason"]
+NUMBERS = ["truth", "y", "true_mode", "mean", "cov", "loglik", "ess", "statistic", "innovation", "mode", "status", "reason"]
 
 
 @dataclass(frozen=True)

@@ -127,6 +127,9 @@ def _figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str, Ma
     lines = series.consistency(results, labels)
     title = "Normalised estimation error squared over time"
     yield _over_time(lines, marks, "nees", title, "NEES", METRICS["nees"].better)
+    if results.card.modes:
+        lines = series.modes(results, labels)
+        yield _over_time(lines, marks, "brier", "Brier score of the mode probabilities over time", "Brier score")
 
 
 def _over_time(
@@ -135,7 +138,8 @@ def _over_time(
     drawing = figures.over_time(lines, marks, f"fig-{name}", axis, title, target)
     runs = {s.runs for s in lines}
     band = f" The shaded bands are {PERCENT} intervals over runs." if any(s.runs > 1 for s in lines) else ""
-    caption = f"{title[: -len(' over time')]}{axis.removeprefix('RMSE').removeprefix('NEES')} against time (s), " + (
+    unit = axis.partition(" (")
+    caption = f"{title[: -len(' over time')]}{''.join(unit[1:])} against time (s), " + (
         f"over {count(runs.pop(), 'run')} of each estimator." if len(runs) == 1 else "over the runs of each that came through."
     )
     caption += band + (" The dotted line is 1, where errors are as large as the filter says." if target else "")

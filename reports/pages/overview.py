@@ -13,6 +13,8 @@ from suite.score import BEST
 FIRST = "first block of each case"
 STEPS = (1.1, 1.5, 3.0, 10.0)
 """Upper ends of the classes of shading, as ratios to the best of the row; what lies above is the last class."""
+NOMINAL = "nominal mode"
+"""What is said of an estimator that was told one of a case's modes alone."""
 RATES = (0.02, 0.1, 0.25, 0.5)
 """The same for rates, as they stand: a ratio to a rate of zero says nothing."""
 
@@ -98,11 +100,13 @@ def shown(case: CaseView, cell: CellView, choice: Choice, best: float) -> Shown:
     state = "done" if whole and (cell.status == "done" or choice.metric.timed) else "partly"
     if choice.metric.binomial and cell.status != "done":
         runs = f"{cell.came_through} of {cell.total} runs came through"
-    note = cell.reason if state == "partly" else ""
+    if cell.told:
+        runs = "; ".join(filter(None, [runs, NOMINAL]))
+    notes = [cell.reason if state == "partly" else "", f"told the nominal mode, {cell.told}, alone" if cell.told else ""]
     shade = _shade(choice.metric, score.value, best) if state == "done" and score.runs > 1 else ""
     standing = cell.standing.get(key, "")
     mark = {"": ""}.get(standing, "best" if standing == BEST else "tie")
-    return Shown(state, words.value, words.unit, words.interval, mark, runs, shade, note)
+    return Shown(state, words.value, words.unit, words.interval, mark, runs, shade, "; ".join(filter(None, notes)))
 
 
 def _absent(case: CaseView, cell: CellView, choice: Choice) -> Shown:
@@ -113,6 +117,8 @@ def _absent(case: CaseView, cell: CellView, choice: Choice) -> Shown:
         return Shown(cell.status, cell.status, note=cell.reason)
     if choice.metric.timed:
         return Shown("absent", "not timed", note="no running times are stored for this estimator on this case")
+    if choice.metric.unit != "block":
+        return Shown("absent", "none", note=f"it has no {choice.metric.title} on this case")
     names = listed([b.name for b in case.card.blocks])
     return Shown("absent", "no such block", note=f"this case has no {choice.block}; its state blocks are {names}")
 
@@ -144,4 +150,5 @@ def context(cases: Sequence[CaseView], labels: Sequence[str], pages: Mapping[str
         # One list a cell, in the order of `fields`: the names would be most of the page.
         "cells": [[[[asdict(s)[f] for f in fields] for s in row] for row in r["all"]] for r in rows],
     }
-    return {"rows": rows, "choices": offered, "data": data}
+    told = any(cell.told for case in cases for cell in case.cells.values())
+    return {"rows": rows, "choices": offered, "data": data, "nominal": NOMINAL if told else ""}

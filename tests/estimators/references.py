@@ -8,13 +8,20 @@ import numpy as np
 
 from estimators import ESTIMATORS
 from suite import parameters
-from suite.estimator import Estimate
+from suite.estimator import Estimate, told
+from suite.jump import Model
+from suite.jump_filter import JumpFilter
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian
 from tests.oracles import Linear
 
-PARTICLE_FILTERS = [name for name, estimator in ESTIMATORS.items() if "particles" in parameters.fields(estimator)]
+PARTICLE_FILTERS = [
+    name
+    for name, estimator in ESTIMATORS.items()
+    if "particles" in parameters.fields(estimator) and not isinstance(estimator, JumpFilter)
+]
+"""Those of a single model."""
 BIASED = ("regularized", "uniform-resampling")
 """Those that change the law of their particles on purpose; their own tests hold them against the law that results."""
 
@@ -51,10 +58,10 @@ def without_gain(p: Linear) -> StateSpaceModel:
     return dataclasses.replace(model, dynamics=dataclasses.replace(model.dynamics, gain=None))
 
 
-def takers(model: StateSpaceModel, *, biased: bool = True) -> list[str]:
+def takers(model: Model, *, biased: bool = True) -> list[str]:
     """The particle filters that can run on a model; those named in BIASED as well, or not."""
     names = [name for name in PARTICLE_FILTERS if biased or name not in BIASED]
-    return [name for name in names if ESTIMATORS[name].accepts(model) is None]
+    return [name for name in names if ESTIMATORS[name].accepts(told(ESTIMATORS[name], model)) is None]
 
 
 def repeated(y: Array, runs: int) -> Array:

@@ -4,7 +4,7 @@ import pytest
 
 from estimators import ESTIMATORS
 from suite import parameters
-from suite.conformance import examine
+from suite.examination import examine
 from suite.problems import PROBLEMS
 from suite.trial import measured
 

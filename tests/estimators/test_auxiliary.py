@@ -71,7 +71,7 @@ def test_a_first_look_that_finds_nothing_loses_that_run_alone(look, bad):
     estimate = Auxiliary(particles=500, look=look).run(windowed(3.0, 1.0), y, 1)
     assert clean.ok.all()
     assert list(estimate.status) == ["ok", LOST, "ok"]
-    assert estimate.reason[1] == "step 4: every particle has zero likelihood"
+    assert estimate.reason[1] == "step 4: the measurement has zero likelihood"
     np.testing.assert_array_equal(estimate.mean[..., [0, 2]], clean.mean[..., [0, 2]])
     np.testing.assert_array_equal(estimate.mean[:3], clean.mean[:3])
     assert np.isnan(estimate.loglik[3:, 1]).all()
@@ -81,7 +81,7 @@ def test_draws_that_miss_what_the_first_look_saw_lose_the_run():
     """From a known state the expected successor lies in a window so narrow that no draw does."""
     estimate = Auxiliary(particles=200, look="mean").run(windowed(1e-12, 1.0), np.zeros((2, 1, 3)), 1)
     assert list(estimate.status) == [LOST] * 3
-    assert set(estimate.reason) == {"step 1: every particle has zero likelihood"}
+    assert set(estimate.reason) == {"step 1: the measurement has zero likelihood"}
 
 
 def test_only_additive_transitions_have_a_mean_to_look_at():

@@ -12,7 +12,7 @@ from cases import CASES
 from estimators import ESTIMATORS
 from suite import parameters
 from suite.case import draw
-from suite.estimator import LOST
+from suite.estimator import LOST, told
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
 from suite.particles import BLOCK
@@ -188,7 +188,7 @@ def is_lost_alone(estimator, model, y, step):
     good, lost = [0, 2, 5], list(BAD)
     assert clean.ok.all()
     assert [estimate.status[r] for r in lost] == [LOST] * 3
-    assert {estimate.reason[r] for r in lost} == {f"step {step + 1}: every particle has zero likelihood"}
+    assert {estimate.reason[r] for r in lost} == {f"step {step + 1}: the measurement has zero likelihood"}
     assert estimate.ok[good].all()
     for part in ("mean", "cov", "loglik", "ess", "ancestors"):
         a, b = getattr(estimate, part), getattr(clean, part)
@@ -197,8 +197,16 @@ def is_lost_alone(estimator, model, y, step):
         assert np.isnan(a[step:, ..., lost]).all()
 
 
+def measures_an_angle_first(case):
+    """Then no first component is impossible: any number is some angle."""
+    model = told(ESTIMATORS["bootstrap"], CASES[case].model)
+    return 0 in model.sensor.angles
+
+
 @pytest.mark.parametrize("count", [1, 40])
-@pytest.mark.parametrize(("name", "case"), [(n, c) for c in CASES for n in takers(CASES[c].model)])
+@pytest.mark.parametrize(
+    ("name", "case"), [(n, c) for c in CASES if not measures_an_angle_first(c) for n in takers(CASES[c].model)]
+)
 def test_an_impossible_measurement_loses_that_run_alone(name, case, count):
     is_lost_alone(with_particles(name, count), CASES[case].model, CASES[case].simulate(6).y[:8].copy(), 4)
 
@@ -222,7 +230,7 @@ BROKEN = StateSpaceModel(
 def test_likelihoods_that_are_no_numbers_lose_every_run(name):
     estimate = with_particles(name, 20).run(BROKEN, np.zeros((5, 1, 4)), 1)
     assert list(estimate.status) == [LOST] * 4
-    assert set(estimate.reason) == {"step 3: every particle has zero likelihood"}
+    assert set(estimate.reason) == {"step 3: the measurement has zero likelihood"}
     assert np.isfinite(estimate.mean[:2]).all()
     assert np.isnan(estimate.mean[2:]).all()
 

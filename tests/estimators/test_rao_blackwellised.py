@@ -287,7 +287,7 @@ def test_an_impossible_measurement_loses_that_run_alone(name, bad):
     y[10, 0, 2] = bad
     estimate = RaoBlackwellised(particles=50).run(case.model, y, 1)
     assert list(estimate.status) == ["ok", "ok", LOST, "ok"]
-    assert estimate.reason[2] == "step 11: every particle has zero likelihood"
+    assert estimate.reason[2] == "step 11: the measurement has zero likelihood"
     for part in ("mean", "cov", "loglik", "ess", "ancestors"):
         a, b = getattr(estimate, part), getattr(clean, part)
         np.testing.assert_array_equal(a[..., [0, 1, 3]], b[..., [0, 1, 3]])

@@ -43,6 +43,15 @@ def only(condition, effect=lambda estimate: estimate.mean.__setitem__(..., np.na
     return spoil
 
 
+def one_mode(probability):
+    """Gives a mode, the only one there is, some probability."""
+
+    def spoil(self, estimate, model, y, seed):
+        estimate.mode = np.full((len(y), 1, y.shape[2]), probability)
+
+    return spoil
+
+
 def shift(estimate):
     estimate.mean += 1.0
 
@@ -221,6 +230,14 @@ BROKEN = {
         (broken("acceptance", put("acceptance", 0, 50)), "acceptance is 50"),
     ],
     "innovation": [(broken("innovation", put("innovation", 0, np.nan)), "innovation is not finite where something")],
+    "mode probabilities": [
+        (broken("mode probabilities", one_mode(0.5)), "mode holds numbers that are no probabilities"),
+        (broken("mode probabilities", one_mode(np.nan)), "mode holds numbers that are no probabilities"),
+    ],
+    "statistic": [
+        (broken("statistic", put("statistic", 0, np.inf)), "statistic is inf"),
+        (broken("statistic", put("statistic", 0, np.nan)), "statistic is nan"),
+    ],
     "seconds": [
         (broken("seconds", spoil_time=slow_clock), "seconds add up to"),
         (broken("seconds", spoil_time=no_division, spoil=lambda self, *rest: np.ones(300_000).cumsum()), "seconds add up to"),

@@ -1,4 +1,4 @@
-"""An estimator that keeps every rule and fills every part of an estimate, and a hook for others to break one."""
+"""An estimator that keeps every rule and fills every part of an estimate but modes, and a hook for others to break one."""
 
 import time
 from dataclasses import dataclass
@@ -36,6 +36,7 @@ class Sound:
             ancestors=one * self.particles,
             acceptance=one / 2,
             innovation=np.where(seen, np.tanh(y), np.nan),
+            statistic=pull,
         )
         self.spoil(estimate, model, y, seed)
         estimate.seconds = one * (time.perf_counter() - begin) / (steps * runs)

@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
         (["run", "--run", "3"], "unrecognized arguments"),
         (["run", "-e", "kalmann"], "did you mean 'kalman'?"),
         (["run", "-e", "*kalmann*"], "did you mean 'kalman'?"),
-        (["run", "-c", "linear"], "no case matches 'linear'; did you mean 'linear-gaussian'?"),
+        (["run", "-c", "linear"], "no case matches 'linear'; did you mean 'jump-linear' or 'linear-gaussian'?"),
         (["run", "-c", "linear-gaussian[steps=3]"], "a case takes no settings"),
         (["run", "-e", "bootstrap[particle=10]"], "bootstrap has no parameter 'particle'; did you mean 'particles'?"),
         (["run", "-e", "kalman[gain=1]"], "kalman has no parameter 'gain'; it has no parameters"),

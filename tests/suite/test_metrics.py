@@ -50,6 +50,23 @@ def test_eta_by_hand():
     close(METRICS["eta"](CARD, *pair())["state"], np.mean(norms), "mixed")
 
 
+def test_brier_by_hand():
+    card = dataclasses.replace(CARD, modes=("a", "b"))
+    truth, estimate = pair()
+    truth = dataclasses.replace(truth, mode=np.array([[0, 1], [1, 1], [0, 0]]))
+    first = np.array([[0.7, 0.1], [0.4, 0.0], [1.0, 0.5]])  # P(a) in two runs over three steps
+    estimate.mode = np.stack([first, 1 - first], axis=1)
+    squares = [0.3, 0.1, 0.4, 0.0, 0.0, 0.5]  # of what is missing to certainty, once for each of two modes
+    close(METRICS["brier"](card, truth, estimate)["modes"], 2 * np.mean(np.square(squares)), "")
+
+
+def test_without_modes_there_is_no_brier_score():
+    truth, estimate = pair()
+    assert METRICS["brier"](CARD, truth, estimate) == {}
+    estimate.mode = np.ones((3, 1, 2))
+    assert METRICS["brier"](CARD, truth, estimate) == {}
+
+
 def test_nees_by_hand():
     cov = np.tile(np.diag([4.0, 1.0, 0.25])[:, :, None], (3, 1, 1, 2))
     squares = (ERRORS**2 / np.array([4.0, 1.0, 0.25])[:, None]).sum(1) / 3

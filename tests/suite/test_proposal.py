@@ -10,8 +10,8 @@ from estimators import ESTIMATORS
 from suite.estimator import StepError
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian, StudentT
-from suite.parameters import fields
 from suite.proposal import accepts, from_transition, linearise, linearised
+from tests.estimators.references import PARTICLE_FILTERS
 from tests.oracles import generators, quadrature_of_transition, wavy_model
 
 proposals = pytest.mark.parametrize("propose", [from_transition, linearised], ids=lambda p: p.__name__)
@@ -304,7 +304,7 @@ def test_a_sensor_that_cannot_be_differentiated_is_refused(look, words):
     assert ESTIMATORS["bootstrap"].accepts(model) is None
 
 
-@pytest.mark.parametrize("name", [n for n in ESTIMATORS if "particles" in fields(ESTIMATORS[n])])
+@pytest.mark.parametrize("name", PARTICLE_FILTERS)
 def test_measurements_without_a_likelihood_are_refused(name):
     model = StateSpaceModel(
         Gaussian.noise(np.eye(2)),

@@ -1,0 +1,123 @@
+"""Bearings from three fixed stations of a target that flies straight and turns (Liu, Song and Huang)."""
+
+import functools
+
+import numpy as np
+
+from suite.case import Case, Divergence, Equation, StateBlock, Truth, measure
+from suite.jump import JumpModel
+from suite.linalg import Array
+from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
+from suite.noise import Gaussian
+from suite.random import Generators
+
+T = 1.0  # s, time between measurements
+OMEGA = 0.1  # rad/s, turn rate
+STATIONS = np.array([[0.0, 0.0], [20.0, 0.0], [10.0, 20.0]])  # km
+START = np.array([3.0, 6.0, 0.15, 0.05])  # km, km, km/s, km/s
+START_STD = np.array([0.02, 0.02, 0.01, 0.01])  # km, km, km/s, km/s
+SIGMA_A = 0.01  # km/s², standard deviation of the acceleration over a step
+STEPS = 100
+TURNS = {1: range(31, 51), 2: range(71, 91)}  # the steps k whose transition turns, by mode
+TRANSITION = np.array([[0.9, 0.05, 0.05], [0.2, 0.795, 0.005], [0.2, 0.005, 0.795]])
+INITIAL = np.array([0.9, 0.05, 0.05])
+
+# State (x, y, vx, vy).
+STRAIGHT = np.eye(4) + T * np.eye(4, k=2)
+GAIN = np.vstack([T * T / 2 * np.eye(2), T * np.eye(2)])
+
+
+def turn(rate: float) -> Array:
+    """Transition matrix of a turn, counter-clockwise where the rate is positive (the paper's F, with its signs put right)."""
+    s, c = np.sin(rate * T), np.cos(rate * T)
+    return np.array([[1, 0, s / rate, (c - 1) / rate], [0, 1, (1 - c) / rate, s / rate], [0, 0, c, -s], [0, 0, s, c]])
+
+
+MATRICES = (STRAIGHT, turn(OMEGA), turn(-OMEGA))
+MODES = np.zeros(STEPS, np.intp)
+for mode, steps in TURNS.items():
+    MODES[np.array(steps) - 1] = mode
+
+
+def bearings(x: Array, k: int) -> Array:
+    """Bearings of the target from the stations, counted from the y axis towards the x axis, in radians."""
+    return np.stack([np.arctan2(x[0] - east, x[1] - north) for east, north in STATIONS])
+
+
+def moving(matrix: Array, sigma: float) -> StateSpaceModel:
+    """One mode: motion by a matrix, accelerations N(0, sigma_a²) on both axes, bearings good to sigma radians."""
+    return StateSpaceModel(
+        prior=Gaussian(START, np.diag(START_STD**2)),
+        dynamics=AdditiveTransition(Affine(matrix), Gaussian.diagonal([SIGMA_A**2] * 2), gain=GAIN),
+        sensor=AdditiveSensor(bearings, Gaussian.diagonal([sigma**2] * len(STATIONS)), angles=(0, 1, 2)),
+        linear=(2, 3),
+    )
+
+
+def model(sigma: float) -> JumpModel:
+    """The three modes with bearings good to sigma radians."""
+    names = ("straight", "left turn", "right turn")
+    return JumpModel(tuple(moving(matrix, sigma) for matrix in MATRICES), TRANSITION, INITIAL, names=names)
+
+
+def flown(sigma: float, rng: Generators) -> Truth:
+    """The stated manoeuvres without any process noise, from a start drawn from the prior; and what the stations measure."""
+    known = model(sigma).modes[0]
+    x, states = known.prior.sample(rng, (rng.runs,)), []
+    for mode in MODES:
+        x = Affine(MATRICES[mode])(x, 1)
+        states.append(x)
+    trajectory = np.stack(states)
+    return Truth(trajectory, measure(known.sensor, trajectory, rng), np.repeat(MODES[:, None], rng.runs, axis=1))
+
+
+def case(name: str, sigma: float, words: str) -> Case:
+    """The case with bearings good to sigma radians."""
+    return Case(
+        name=name,
+        title=f"Bearings from three stations, {words}",
+        summary="Three fixed stations measure the bearing of an aircraft that flies straight, turns left, flies straight, "
+        "turns right. Filters know the three kinds of motion and how they follow each other, not when.",
+        steps=STEPS,
+        interval=T,
+        state=("x", "y", "vx", "vy"),
+        blocks=(StateBlock("position", (0, 1), "km"), StateBlock("velocity", (2, 3), "km/s")),
+        divergence=Divergence("position", limit=1.0, steps=5),
+        reference="Liu, Song, Huang, Passive multi-sensor manoeuvring target tracking by an interacting multiple model "
+        "particle filter with uniform resampling (in Chinese)",
+        equations=(
+            Equation(
+                "Turn of rate ω; straight flight is its limit for ω = 0",
+                r"x_k = \begin{pmatrix} 1 & 0 & \frac{\sin \omega T}{\omega} & \frac{\cos \omega T - 1}{\omega} \\ "
+                r"0 & 1 & \frac{1 - \cos \omega T}{\omega} & \frac{\sin \omega T}{\omega} \\ 0 & 0 & \cos \omega T & "
+                r"-\sin \omega T \\ 0 & 0 & \sin \omega T & \cos \omega T \end{pmatrix} x_{k-1} + G w_k",
+            ),
+            Equation(
+                "Bearing from station i", r"z_i = \mathrm{atan2}(x - x_i, y - y_i) + v_i, \quad v_i \sim N(0, \sigma_\theta^2)"
+            ),
+            Equation("Accelerations", r"w_k \sim N(0, \sigma_a^2 I), \quad \sigma_a = 0.01\ \mathrm{km/s^2}"),
+        ),
+        assumptions=(
+            "Stated in the paper: the transition probabilities, the initial probabilities (0.9, 0.05, 0.05), and "
+            "P0 = 1e-6 diag(400, 400, 100, 100), read in km and km/s: 20 m and 10 m/s.",
+            "The paper's state noise variance of 100 m/s² is read as (10 m/s²)², that is (0.01 km/s²)².",
+            "Chosen here, since the paper does not say: T = 1 s, ω = 0.1 rad/s, stations at (0, 0), (20, 0) and (10, 20) km, "
+            f"bearings good to {1000 * sigma:g} mrad, a start at (3, 6) km with (150, 50) m/s, 100 steps, of which 31 to 50 "
+            "turn left and 71 to 90 right.",
+            "Corrected in the paper's matrices: the entry (cos ωT)/ω of the turn is (cos ωT - 1)/ω, and G has the rows of both "
+            "velocities in all modes.",
+            "The flight has no process noise, and starts from a draw of the prior: the same as a filter's start drawn about "
+            "one flight, up to the bend of the bearings.",
+            "A run has diverged when its position is off by more than 1 km for 5 steps on end.",
+        ),
+        plane=(0, 1),
+        landmarks=tuple((f"station {i + 1}", float(x), float(y)) for i, (x, y) in enumerate(STATIONS)),
+        model=model(sigma),
+        generate=functools.partial(flown, sigma),
+    )
+
+
+CASES = (
+    case("passive-multisensor", 2e-3, "2 mrad"),
+    case("passive-multisensor/5mrad", 5e-3, "5 mrad"),
+)
