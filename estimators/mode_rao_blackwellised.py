@@ -94,7 +94,7 @@ class ModeRaoBlackwellised(JumpFilter):
         around = belief.root[mode, run, parent].reshape(-1, model.n, model.n)
         each = np.repeat(y, self.particles, axis=1)
         mean, root, fits = filtered(moment_rules.affine, model, origin, around, each, k)
-        ahead = modes.transition(model).T[:, mode]
+        ahead = model.log_transition.T[:, mode]
         logp, fit = modes.posterior(ahead, fits.reshape(ahead.shape))
         shape = (*ahead.shape, model.n)
         after = mean.reshape(shape), root.reshape(*shape, model.n)

@@ -93,6 +93,12 @@ def arguments(model: StateSpaceModel) -> int:
 
 def predict(rule: Rule, belief: GaussianBelief, dynamics: Transition, k: int) -> GaussianBelief:
     """Belief about x_k from the belief about x_{k-1}. Raises TypeError when the dynamics are no function of a noise."""
+    wide = moved(rule, belief, dynamics, k)
+    return GaussianBelief(wide.mean, lower_triangular(wide.root))
+
+
+def moved(rule: Rule, belief: GaussianBelief, dynamics: Transition, k: int) -> GaussianBelief:
+    """The same with a factor [R, n, s] that is not triangular yet: those of several models can then be made so together."""
     if isinstance(dynamics, AdditiveTransition):
         noise = _root(dynamics.noise_at(k))
         spread = rule(belief.mean, belief.root, dynamics, k)
@@ -103,7 +109,7 @@ def predict(rule: Rule, belief: GaussianBelief, dynamics: Transition, k: int) ->
         columns, mean = spread.dy, spread.value
     else:
         raise TypeError(f"a Gaussian filter cannot predict through {type(dynamics).__name__}")
-    return GaussianBelief(mean, lower_triangular(columns))
+    return GaussianBelief(mean, columns)
 
 
 def update(rule: Rule, belief: GaussianBelief, sensor: Sensor, y: Array, k: int) -> GaussianBelief:
@@ -152,7 +158,13 @@ def conditioned(belief: GaussianBelief, spread: Spread, noise: Array, error: Arr
 
 
 def merged(weights: Array, means: Array, roots: Array) -> GaussianBelief:
-    """The Gaussian with the moments of a mixture: weights[R, M], means[M, R, n], factors of covariances [M, R, n, n].
+    """The Gaussian with the moments of a mixture: weights[R, M], means[M, R, n], factors of covariances [M, R, n, n]."""
+    wide = mixture(weights, means, roots)
+    return GaussianBelief(wide.mean, lower_triangular(wide.root))
+
+
+def mixture(weights: Array, means: Array, roots: Array) -> GaussianBelief:
+    """The same with a factor [R, n, M (n + 1)] that is not triangular: enough to read the moments from.
 
     A component of weight zero does not count, whatever it is.
     """
@@ -160,7 +172,7 @@ def merged(weights: Array, means: Array, roots: Array) -> GaussianBelief:
     means, roots = np.where(share > 0, means, 0.0), np.where(share[..., None] > 0, roots, 0.0)
     mean = np.asarray(sum(share * means))  # one after the other: NumPy's order of addition depends on the shape
     columns = np.sqrt(share)[..., None] * np.concat([roots, (means - mean)[..., None]], axis=3)
-    return GaussianBelief(mean, lower_triangular(np.concat(list(columns), axis=2)))
+    return GaussianBelief(mean, np.concat(list(columns), axis=2))
 
 
 def _augmented(rule: Rule, belief: GaussianBelief, law: NonadditiveTransition | NonadditiveSensor, k: int) -> Spread:

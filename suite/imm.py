@@ -35,7 +35,7 @@ class Interacting:
     def read(self) -> Readout:
         """Moments of the mixture of the modes, their probabilities, and the log-odds of a manoeuvre; no innovation."""
         mode = np.exp(self.logp)
-        output = gaussian.merged(mode.T, self.mean, self.root).read()
+        output = gaussian.mixture(mode.T, self.mean, self.root).read()
         return replace(output, loglik=self.loglik, mode=mode, statistic=modes.log_odds(self.logp, self.nominal))
 
 
@@ -56,7 +56,7 @@ def step(rule: Rule, model: JumpModel, belief: Interacting, y: Array, k: int) ->
 def mixed(belief: Interacting, mixing: Array) -> tuple[Array, Array]:
     """What the filters of the modes start from, means and factors as in `belief`: modes i mixed by mixing[i, j, R]."""
     count, runs, n = belief.mean.shape
-    means = np.tile(belief.mean, (1, count, 1))
-    roots = np.tile(belief.root, (1, count, 1, 1))
+    means = np.concat([belief.mean] * count, axis=1)
+    roots = np.concat([belief.root] * count, axis=1)
     start = gaussian.merged(mixing.reshape(count, -1).T, means, roots)
     return start.mean.reshape(count, runs, n), start.root.reshape(count, runs, n, n)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,12 @@ class JumpModel:
     def m(self) -> int:
         """Number of measurement components."""
         return self.modes[0].m
+
+    @cached_property
+    def log_transition(self) -> Array:
+        """Log-probabilities of r_k = j given r_{k-1} = i [M, M] at [i, j]."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.log(self.transition))
 
     @property
     def nominal_mode(self) -> StateSpaceModel:

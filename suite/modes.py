@@ -14,12 +14,8 @@ LARGEST = 1e300
 
 def initial(model: JumpModel, runs: int) -> Array:
     """Log-probabilities of r_0 [M, R]."""
-    return np.repeat(_log(model.initial)[:, None], runs, axis=1)
-
-
-def transition(model: JumpModel) -> Array:
-    """Log-probabilities of r_k = j given r_{k-1} = i, [M, M] at [i, j]."""
-    return _log(model.transition)
+    with np.errstate(divide="ignore"):
+        return np.repeat(np.log(model.initial)[:, None], runs, axis=1)
 
 
 def predicted(model: JumpModel, logp: Array) -> tuple[Array, Array]:
@@ -27,7 +23,7 @@ def predicted(model: JumpModel, logp: Array) -> tuple[Array, Array]:
 
     Into a mode that cannot be reached, modes mix as they are (Blom and Bar-Shalom, 1988, eqs 11-12).
     """
-    mixing, ahead = _normalised(transition(model)[:, :, None] + logp[:, None])
+    mixing, ahead = _normalised(model.log_transition[:, :, None] + logp[:, None])
     return ahead, np.where(ahead > -np.inf, np.exp(mixing), np.exp(logp)[:, None])
 
 
@@ -41,9 +37,9 @@ def posterior(logp: Array, loglik: Array) -> tuple[Array, Array]:
 
 def log_odds(logp: Array, nominal: int) -> Array:
     """Log of the odds of all modes but the nominal one [R]: what detects a manoeuvre by its probability, without saturating."""
-    others = np.delete(logp, nominal, axis=0)
-    rest = _normalised(others)[1] if len(others) else np.full(logp.shape[1], -np.inf)
-    return np.asarray(np.clip(rest - logp[nominal], -LARGEST, LARGEST))
+    with np.errstate(invalid="ignore"):  # of a lost run
+        others = np.logaddexp.reduce(logp[np.arange(len(logp)) != nominal], axis=0)
+        return np.asarray(np.clip(others - logp[nominal], -LARGEST, LARGEST))
 
 
 def _normalised(joint: Array) -> tuple[Array, Array]:
@@ -56,8 +52,3 @@ def _normalised(joint: Array) -> tuple[Array, Array]:
         rest = joint - top
         total = np.logaddexp.reduce(rest, axis=0)
         return rest - total, np.where(top == -np.inf, top, top + total)
-
-
-def _log(probabilities: Array) -> Array:
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.log(probabilities))

@@ -1,6 +1,6 @@
 """Probabilities of modes against the plain formulas of the linear domain, and where these underflow against numbers by hand."""
 
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from suite import modes
+from suite.jump import JumpModel
+from tests.jump_oracles import TWO
 
 
 def logarithm(p):
@@ -18,6 +20,12 @@ def logarithm(p):
 def column(*p):
     """Log-probabilities [M, 1]."""
     return logarithm(p)[:, None]
+
+
+def chain(transition):
+    """A jump-Markov model of which only the chain matters."""
+    initial = np.full(len(transition), 1 / len(transition))
+    return JumpModel((TWO.model.modes[0],) * len(transition), transition, initial)
 
 
 @st.composite
@@ -33,7 +41,7 @@ def chains(draw):
         p[..., 0] += p.sum(-1) == 0
         return p / p.sum(-1, keepdims=True)
 
-    return SimpleNamespace(transition=probabilities(count)), probabilities(runs).T, rng
+    return chain(probabilities(count)), probabilities(runs).T, rng
 
 
 @given(chains())
@@ -103,7 +111,7 @@ def test_a_run_in_which_all_modes_are_lost_is_lost_alone(nothing):
     assert evidence[0] == -np.inf
     np.testing.assert_allclose(np.exp(after[:, 1]), [0.25, 0.75])
     assert evidence[1] == pytest.approx(0.0, abs=1e-15)
-    model = SimpleNamespace(transition=np.eye(2))
+    model = chain(np.eye(2))
     assert np.isnan(modes.predicted(model, after)[0][:, 0]).all()
     assert np.isnan(modes.log_odds(after, 0)[0])
 
@@ -127,7 +135,7 @@ def test_log_odds_of_certainties_are_finite(p, expected):
 
 
 def test_the_initial_law_is_the_model_s_in_every_run():
-    model = SimpleNamespace(initial=np.array([0.0, 0.4, 0.6]))
+    model = replace(chain(np.eye(3)), initial=np.array([0.0, 0.4, 0.6]))
     np.testing.assert_array_equal(np.exp(modes.initial(model, 3)), np.repeat([[0.0], [0.4], [0.6]], 3, axis=1))
 
 
