@@ -50,11 +50,12 @@ def _check(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(parser: argparse.ArgumentParser) -> None:
-    quick, paper = PROFILES["quick"].runs, PROFILES["paper"].runs
+    quick, paper = PROFILES["quick"], PROFILES["paper"].runs
+    words = f"quick: {quick.runs} runs a cell, {quick.fewest} where there are many steps (default); paper: {paper}"
     _selection(parser)
     _plugin(parser)
     add = parser.add_argument
-    add("--profile", choices=tuple(PROFILES), default="quick", help=f"quick: {quick} runs a cell (default); paper: {paper}")
+    add("--profile", choices=tuple(PROFILES), default="quick", help=words)
     add("--runs", type=_integer(1), metavar="N", help="Monte Carlo runs of each cell (default: the profile's)")
     add("--seed", type=_integer(0), default=1, metavar="S", help="seed of all random streams (default: 1)")
     add("--jobs", type=_integer(1), default=1, metavar="J", help="worker processes (default: 1)")

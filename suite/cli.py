@@ -100,9 +100,10 @@ def _run(options: argparse.Namespace) -> int:
         for damage in damages:
             _complain(f"set aside {damage.path}: {damage.reason}; it is now {store.set_aside(damage)}")
     profile = plan.PROFILES[options.profile]
-    runs, size = options.runs or profile.runs, options.block or profile.block
-    planned = plan.make(known, estimators, chosen, runs, options.seed, size, entries, options.retry_failed)
-    _announce(planned, len(estimators), len(chosen), runs, options)
+    runs_of = (lambda _: options.runs) if options.runs else profile.runs_of
+    size = options.block or profile.block
+    planned = plan.make(known, estimators, chosen, runs_of, options.seed, size, entries, options.retry_failed)
+    _announce(planned, len(estimators), [runs_of(case) for case in chosen], options)
     if options.dry_run:
         for damage in damages:
             _complain(f"would set aside {damage.path}: {damage.reason}")
@@ -122,9 +123,10 @@ def _store_if_any(folder: str) -> Store | None:
     return None if not path.exists() or (path.is_dir() and not any(path.iterdir())) else Store(path)
 
 
-def _announce(planned: plan.Plan, estimators: int, chosen: int, runs: int, options: argparse.Namespace) -> None:
+def _announce(planned: plan.Plan, estimators: int, runs: Sequence[int], options: argparse.Namespace) -> None:
+    each = " to ".join(map(str, sorted({min(runs), max(runs)})))
     print(
-        f"{planned.cells} cells ({estimators} estimators x {chosen} cases, {planned.refused} refused), {runs} runs each, "
+        f"{planned.cells} cells ({estimators} estimators x {len(runs)} cases, {planned.refused} refused), {each} runs each, "
         f"seed {options.seed}: {len(planned.blocks)} blocks to run, {planned.stored} stored already in {options.results}"
     )
     if planned.stored_failures:

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,14 +20,20 @@ ENGINE = "suite.work"
 
 @dataclass(frozen=True)
 class Profile:
-    """How much to compute: runs of each cell, and runs in a block of work."""
+    """How much to compute: runs of each cell, fewer on long cases down to `fewest`, and runs in a block of work."""
 
     name: str
     runs: int
+    fewest: int
     block: int
 
+    def runs_of(self, case: Case) -> int:
+        """Runs of each cell of a case: from STEPS steps on fewer, in proportion."""
+        return max(self.fewest, min(self.runs, self.runs * STEPS // case.steps))
 
-PROFILES = {p.name: p for p in (Profile("quick", runs=12, block=6), Profile("paper", runs=100, block=20))}
+
+STEPS = 100
+PROFILES = {p.name: p for p in (Profile("quick", 12, fewest=4, block=6), Profile("paper", 100, fewest=100, block=20))}
 
 
 @dataclass(frozen=True)
@@ -66,25 +72,25 @@ def make(
     catalog: Catalog,
     estimators: Sequence[Estimator],
     cases: Sequence[Case],
-    runs: int,
+    runs: Callable[[Case], int],
     seed: int,
     size: int,
     entries: Iterable[Entry],
     retry_failed: bool = False,
 ) -> Plan:
-    """Plan `runs` runs of all combinations in blocks of `size`, leaving out what the store's entries hold."""
+    """Plan runs(case) runs of all combinations in blocks of `size`, leaving out what the store's entries hold."""
     held = _Held(entries, retry_failed)
     blocks: list[WorkBlock] = []
     refused = 0
     for case in cases:
         truth = version(TRUTH, catalog, case, None, seed)
-        blocks += _missing(TRUTH, case, None, seed, truth, truth, runs, size, held)
+        blocks += _missing(TRUTH, case, None, seed, truth, truth, runs(case), size, held)
         for estimator in estimators:
             reason = _refusal(estimator, case)
             kind = REFUSAL if reason else ESTIMATE
             refused += bool(reason)
             cell = version(kind, catalog, case, estimator, seed)
-            wanted = 1 if reason else runs
+            wanted = 1 if reason else runs(case)
             blocks += _missing(kind, case, estimator, seed, cell, truth, wanted, size, held, reason or "")
             if not reason:
                 timing = version(TIMING, catalog, case, estimator, seed)

@@ -23,7 +23,9 @@ def known():
 @pytest.fixture
 def make(known):
     def make(names, runs=4, size=2, seed=1, entries=(), retry=False, chosen=("tiny",)):
-        return plan.make(known, known.estimators.select(names), known.cases.select(chosen), runs, seed, size, entries, retry)
+        return plan.make(
+            known, known.estimators.select(names), known.cases.select(chosen), lambda case: runs, seed, size, entries, retry
+        )
 
     return make
 
@@ -43,6 +45,17 @@ def test_blocks_cover_all_runs_once(make):
         planned = make(["last"], runs, size)
         assert spans(planned) == spans(planned, plan.TRUTH) == expected
         assert spans(planned, plan.TIMING) == [(0, 1)]
+
+
+def test_long_cases_get_fewer_runs_in_the_quick_profile(known):
+    """As many run-steps as 12 runs of 100 steps, but no fewer than four runs; the paper profile knows no such thing."""
+    case = known.cases["linear-gaussian"]
+    long = {steps: dataclasses.replace(case, steps=steps) for steps in (1, 40, 100, 150, 299, 400, 10_000)}
+    quick, paper = ({s: plan.PROFILES[name].runs_of(c) for s, c in long.items()} for name in ("quick", "paper"))
+    assert quick == {1: 12, 40: 12, 100: 12, 150: 8, 299: 4, 400: 4, 10_000: 4}
+    assert set(paper.values()) == {100}
+    known_to_few = plan.make(known, [], [long[400], case], plan.PROFILES["quick"].runs_of, 1, 6, ())
+    assert [(b.case, b.count) for b in known_to_few.blocks] == [("linear-gaussian", 4), *[("linear-gaussian", 6)] * 2]
 
 
 def test_truth_comes_first_and_timing_last(make):
@@ -111,7 +124,7 @@ def test_accepts_that_does_not_say(known, answer, words):
             return answer
 
     with pytest.raises(BadInput, match=words):
-        plan.make(known, [Vague()], known.cases.select(["tiny"]), 1, 1, 1, [])
+        plan.make(known, [Vague()], known.cases.select(["tiny"]), lambda _: 1, 1, 1, [])
 
 
 # What an address depends on.
@@ -189,7 +202,7 @@ def test_a_data_file_changes_the_addresses_of_its_case(known, tmp_path):
     def planned(text):
         data.write_text(text)
         provenance.fingerprint.cache_clear()
-        return {b.address for b in plan.make(known, estimators, [case], 2, 1, 2, []).blocks}
+        return {b.address for b in plan.make(known, estimators, [case], lambda _: 2, 1, 2, []).blocks}
 
     assert planned("1,2") == planned("1,2")
     assert planned("1,2").isdisjoint(planned("1,3"))
@@ -200,5 +213,5 @@ def test_more_entries_change_no_address(make, tmp_path):
     more.write_text("from estimators.kalman import Kalman\nclass More(Kalman):\n    name = 'more'\nESTIMATORS = (More(),)\n")
     before = make(["kalman", "last"])
     wide = catalog(ESTIMATORS, cases.MODULES).with_plugins([TINY, str(more)])
-    after = plan.make(wide, wide.estimators.select(["*"]), wide.cases.select(["tiny"]), 4, 1, 2, [])
+    after = plan.make(wide, wide.estimators.select(["*"]), wide.cases.select(["tiny"]), lambda _: 4, 1, 2, [])
     assert {b.address for b in before.blocks} < {b.address for b in after.blocks}
