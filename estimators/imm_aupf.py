@@ -27,13 +27,12 @@ class InteractingUniformResampling(InteractingParticles):
     fraction: float = parameter(0.9, "share of the particles kept, by weight; the paper: 0.8 to 1", above=0, high=1)
     box: str = parameter(
         "kept",
-        "what the box encloses: the particles kept, those of them that survive, or the mean ± sqrt(3) deviations of the kept",
+        "what the box encloses (assumed): the particles kept, those that survive, or their mean ± sqrt(3) deviations",
         choices=BOXES,
     )
 
     def resampled(self, cloud: Particles, rng: Generators) -> Resampled:
         """A mode's particles after resampling: most of them survivors, the rest spread evenly."""
-        """A mode's particles after uniform resampling."""
         even = UniformBox.of(self.fraction, self.particles, self.box, SCHEMES[self.resampling])
         return even.resample(cloud, self.threshold, rng)
 

@@ -31,7 +31,7 @@ class UniformResampling(ParticleFilter):
     fraction: float = parameter(0.9, "share of the particles kept, by weight; the paper: 0.8 to 1", above=0, high=1)
     box: str = parameter(
         "kept",
-        "what the box encloses: the particles kept, those of them that survive, or the mean ± sqrt(3) deviations of the kept",
+        "what the box encloses (assumed): the particles kept, those that survive, or their mean ± sqrt(3) deviations",
         choices=BOXES,
     )
     threshold: float = parameter(1.0, "resample below this share of effective particles", low=0, high=1)

@@ -110,7 +110,7 @@ class Card:
         made = dict(data)
         made["state"] = tuple(data["state"])
         made["assumptions"] = tuple(data["assumptions"])
-        made["modes"] = tuple(data["modes"])
+        made["modes"] = tuple(data.get("modes", ()))  # results of before there were modes lack them
         made["blocks"] = tuple(StateBlock(b["name"], tuple(b["components"]), b["unit"]) for b in data["blocks"])
         made["divergence"] = Divergence(**data["divergence"])
         made["equations"] = tuple(Equation(**e) for e in data["equations"])
@@ -151,7 +151,8 @@ class Case(Card):
     def simulate(self, runs: int, seed: int = 0, first: int = 0) -> Truth:
         """Truth and measurements of `runs` runs, numbered from `first`; a run's numbers depend on its number alone.
 
-        Raises BadInput when runs is below 1, ValueError when `generate` returns arrays of the wrong shape.
+        Raises BadInput when runs is below 1, ValueError when `generate` returns arrays of the wrong shape, or modes that the
+        model does not have.
         """
         if runs < 1:
             raise BadInput(f"runs must be at least 1, got {runs}")
@@ -159,8 +160,11 @@ class Case(Card):
         for name, array, rows in (("x", truth.x, self.model.n), ("y", truth.y, self.model.m)):
             if np.shape(array) != (self.steps, rows, runs):
                 raise ValueError(f"case {self.name}: {name} has shape {np.shape(array)}, not {(self.steps, rows, runs)}")
-        if truth.mode is not None and np.shape(truth.mode) != (self.steps, runs):
-            raise ValueError(f"case {self.name}: mode has shape {np.shape(truth.mode)}, not {(self.steps, runs)}")
+        if truth.mode is not None:
+            if np.shape(truth.mode) != (self.steps, runs):
+                raise ValueError(f"case {self.name}: mode has shape {np.shape(truth.mode)}, not {(self.steps, runs)}")
+            if not np.isin(truth.mode, range(len(self.modes))).all():
+                raise ValueError(f"case {self.name}: mode holds other numbers than indices of its {len(self.modes)} modes")
         return truth
 
 

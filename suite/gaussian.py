@@ -130,6 +130,8 @@ def update(rule: Rule, belief: GaussianBelief, sensor: Sensor, y: Array, k: int)
         noise = np.where(seen.T[:, :, None], 0.0, np.eye(len(y)))
     else:
         raise TypeError(f"a Gaussian filter cannot update by {type(sensor).__name__}")
+    if spread.aside is not None:
+        error = error - spread.aside
     if not whole:
         error = np.where(seen.T, error, 0.0)
         spread = replace(spread, dy=np.where(seen.T[:, :, None], spread.dy, 0.0))

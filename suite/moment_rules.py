@@ -33,12 +33,14 @@ class Law(Protocol):
 class Spread:
     """Mean value[R, p] of a function, and deviations dx[R, n, s] of its argument and dy[R, p, s] of itself.
 
-    Their products are covariances: dx dxᵀ of the argument, dx dyᵀ of both, dy dyᵀ of the function.
+    Their products are covariances: dx dxᵀ of the argument, dx dyᵀ of both, dy dyᵀ of the function. aside[R, p]: where the
+    function was expanded about a point off the mean, `value` is that at the point, and the mean is value + aside.
     """
 
     value: Array
     dx: Array
     dy: Array
+    aside: Array | None = None
 
 
 Rule = Callable[[Array, Array, Law, int], Spread]
@@ -70,7 +72,8 @@ def about(point: Array) -> Rule:
     def rule(mean: Array, root: Array, law: Law, k: int) -> Spread:
         at = np.concat([point, mean[:, point.shape[1] :]], axis=1)
         value, slope = _tangent(law, at, k)
-        return Spread(value + (slope @ (mean - at)[..., None])[..., 0], root, slope @ root)
+        # The two are kept apart: an angle's difference to the value wraps, what is extrapolated from there does not.
+        return Spread(value, root, slope @ root, aside=(slope @ (mean - at)[..., None])[..., 0])
 
     return rule
 

@@ -160,10 +160,11 @@ def read(path: Path, names: list[str]) -> dict[str, Any]:
     Raises StoreError when the file's contents are damaged.
     """
     try:
-        table = pq.read_table(path, columns=names, partitioning=None, page_checksum_verification=True)
+        held = [name for name in pq.read_schema(path).names if name in names]  # files of older versions lack some
+        table = pq.read_table(path, columns=held, partitioning=None, page_checksum_verification=True)
     except (OSError, pa.ArrowException) as error:
         raise StoreError(f"{path} is damaged ({' '.join(str(error).split())[:120]}); run again to recompute it") from error
-    return {name: _array(table.column(name)) if name in table.column_names else None for name in names}
+    return {name: _array(table.column(name)) if name in held else None for name in names}
 
 
 def vectors(values: Array) -> pa.ListArray:

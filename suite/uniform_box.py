@@ -17,7 +17,8 @@ BOXES = ("kept", "survivors", "deviations")
 class UniformBox:
     """`keep` particles are drawn from as many of largest weight, the rest evenly over a box (Liu, Song and Huang, 2017).
 
-    box: what it encloses: the particles kept, those of them that survive, or the mean ± sqrt(3) deviations of the kept.
+    box: what it encloses: the particles kept, those of them that survive, or the mean ± sqrt(3) deviations of the kept. Which
+    of these the paper means is not known: the step that says so is missing from the text at hand.
     """
 
     keep: int

@@ -176,7 +176,7 @@ class FilterpyUnscented(Filter):
     def step(self, model: StateSpaceModel, belief: OneByOne, y: Array, k: int, rng: Generators) -> OneByOne:
         def advance(ukf: "UnscentedKalmanFilter", z: Array) -> float:
             seen = Observed.of(model.sensor, z, k)
-            told(ukf, model, seen)
+            informed(ukf, model, seen)
             ukf.predict()
             if not len(seen.rows):
                 return 0.0
@@ -196,7 +196,7 @@ def unscented(model: StateSpaceModel, alpha: float, beta: float, kappa: float) -
     return UnscentedKalmanFilter(model.n, model.m, 1.0, None, None, MerweScaledSigmaPoints(model.n, alpha, beta, kappa))
 
 
-def told(ukf: "UnscentedKalmanFilter", model: StateSpaceModel, seen: Observed) -> None:
+def informed(ukf: "UnscentedKalmanFilter", model: StateSpaceModel, seen: Observed) -> None:
     """Give an unscented filter of filterpy the functions and noises of a step."""
     ukf.fx, ukf.Q = moved(model.dynamics, seen.k), model.dynamics.noise_cov(seen.k)
     ukf.hx, ukf.R = seen.mean, seen.cov

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from estimators.peers.filterpy import Observed, OneByOne, at_prior, spread, told, unscented
+from estimators.peers.filterpy import Observed, OneByOne, at_prior, informed, spread, unscented
 from suite import modes
 from suite.estimator import Readout
 from suite.gaussian import additive
@@ -83,7 +83,7 @@ class FilterpyImm(JumpFilter):
                 if has_matrices(mode):
                     given(one, mode, seen)
                 else:
-                    told(one, mode, seen)
+                    informed(one, mode, seen)
                 if not len(seen.rows):
                     blinded(one)
             imm.predict(ONE)  # an unscented filter takes it for a time step, which its transition ignores

@@ -130,3 +130,29 @@ def test_noise_inside_the_function_is_expanded_about_its_mean(iterations):
     found = IteratedExtended(iterations).run(model, SEEN)
     near(found.mean[0, :, 0], x, 1e-8)
     near(found.cov[0, :, :, 0], WIDE.cov - K @ S @ K.T, 1e-8)
+
+
+@pytest.mark.parametrize("iterations", [1, 2, 5, 50])
+def test_only_the_difference_to_the_expanded_value_wraps(iterations):
+    """A target near a sensor of bearings: what a step extrapolates may exceed half a turn, and must not be taken for less."""
+    mean, prior, variance, y = np.array([-0.34, -0.61]), np.diag([2.35, 3.08]), 0.09, 2.81
+    model = StateSpaceModel(
+        Gaussian(mean, prior),
+        AdditiveTransition(Affine(np.eye(2)), Gaussian.noise(np.zeros((2, 2)))),
+        AdditiveSensor(lambda x, k: np.stack([np.atan2(x[1], x[0])]), Gaussian.noise([[variance]]), angles=(0,)),
+    )
+    x, information = mean, np.linalg.inv(prior)
+    beyond = 0.0
+    for _ in range(iterations):
+        square = x @ x
+        H = np.array([-x[1], x[0]]) / square
+        error = np.angle(np.exp(1j * (y - np.arctan2(x[1], x[0])))) - H @ (mean - x)
+        beyond = max(beyond, abs(error))
+        x = mean + prior @ H / (H @ prior @ H + variance) * error
+    found = IteratedExtended(iterations=iterations).run(model, np.array([[[y]]]))
+    near(found.mean[0, :, 0], x, 1e-8)
+    if iterations == 50:
+        assert beyond > np.pi  # else the example shows nothing
+        H = np.array([-x[1], x[0]]) / (x @ x)
+        slope = information @ (x - mean) - H * np.angle(np.exp(1j * (y - np.arctan2(x[1], x[0])))) / variance
+        assert np.abs(slope).max() < 1e-6  # at the most probable state

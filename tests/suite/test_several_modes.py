@@ -6,15 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pandas
+import pyarrow
 import pytest
 
 from cases import CASES
 from estimators import ESTIMATORS
+from suite import store
+from suite.case import Card, Case
 from suite.estimator import told
 from suite.results import load
 from suite.work import compute
 
 CASE = CASES["jump-linear"]
+TO_DICT = Card.to_dict
 RUN = ("-c", "jump-linear", "-e", "kalman", "imm-ekf")
 
 
@@ -38,6 +42,8 @@ def test_a_filter_of_modes_is_told_all_of_them():
 
 def test_the_card_names_the_modes():
     assert (CASE.modes, CASE.nominal) == (("straight", "manoeuvre"), "straight")
+    other = replace(CASE, model=replace(CASE.model, nominal=1))
+    assert (other.modes, other.nominal) == (("straight", "manoeuvre"), "manoeuvre")
     assert (CASES["linear-gaussian"].modes, CASES["linear-gaussian"].nominal) == ((), "")
 
 
@@ -76,6 +82,8 @@ def test_scores_and_pages_say_who_was_told_the_nominal_mode(tiny, cli, tmp_path)
     (page,) = (p.read_text() for p in (tmp_path / "site").rglob("*jump*.html"))
     assert re.findall(r'class="name">(\S+?)</span><span class="under">told the mode straight alone', page) == ["kalman"]
     assert "straight (nominal), manoeuvre" in page
+    assert "Brier score of the mode probabilities over time" in page
+    assert '<figure id="brier"' in page
 
 
 def test_a_case_with_modes_of_a_wrong_shape_is_named():
@@ -83,3 +91,34 @@ def test_a_case_with_modes_of_a_wrong_shape_is_named():
     wrong = replace(CASE, generate=lambda rng: replace(truth, mode=truth.mode[:-1]))
     with pytest.raises(ValueError, match=r"case jump-linear: mode has shape \(11, 2\), not \(12, 2\)"):
         wrong.simulate(2)
+
+
+@pytest.mark.parametrize("value", [2, -1, 0.5, np.nan])
+def test_modes_that_the_model_does_not_have_are_named(value):
+    truth = CASE.simulate(2)
+    wrong = replace(CASE, generate=lambda rng: replace(truth, mode=np.full(truth.mode.shape, value)))
+    with pytest.raises(ValueError, match="case jump-linear: mode holds other numbers than indices of its 2 modes"):
+        wrong.simulate(2)
+
+
+def test_a_case_of_one_model_has_no_modes():
+    case = CASES["linear-gaussian"]
+    truth = case.simulate(2)
+    wrong = replace(case, generate=lambda rng: replace(truth, mode=np.zeros((case.steps, 2), int)))
+    with pytest.raises(ValueError, match="indices of its 0 modes"):
+        wrong.simulate(2)
+
+
+def test_results_of_before_there_were_modes_can_be_read(tiny, cli, tmp_path, monkeypatch):
+    """Cards without modes, blocks without the columns that came with them."""
+    new = ("true_mode", "statistic", "mode")
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "SCHEMA", pyarrow.schema([field for field in store.SCHEMA if field.name not in new]))
+        patch.setattr(Case, "to_dict", lambda self: {k: v for k, v in TO_DICT(self).items() if k not in ("modes", "nominal")})
+        assert tiny("-e", "kalman").code == 0
+    said = cli("score", "--results", tmp_path / "results", "--format", "json")
+    assert (said.code, said.errors) == (0, [])
+    assert {(r["estimator"], r["told"]) for r in json.loads(said.out)} == {("kalman", "")}
+    assert cli("report", "--results", tmp_path / "results", "--out", tmp_path / "site").code == 0
+    assert tiny("-e", "kalman", "ukf").code == 0  # and added to
+    assert cli("score", "--results", tmp_path / "results").code == 0
