@@ -99,7 +99,8 @@ def square_root(stack: Array) -> Array:
         scale = np.sqrt(np.maximum(np.diag(stack[r]), 0.0))
         inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
         if np.isfinite(stack[r]).all():
-            values, directions = np.linalg.eigh(stack[r] * np.outer(inverse, inverse))
+            # One factor after the other: the product of two inverses overflows where variances are next to nothing.
+            values, directions = np.linalg.eigh(stack[r] * inverse[:, None] * inverse)
             found = scale[:, None] * directions * np.sqrt(np.maximum(values, 0.0))
             tolerance = 1e-9 * np.outer(scale, scale) + 1e-12 * np.abs(stack[r]).max()
             if (np.abs(found @ found.T - stack[r]) <= tolerance).all():

@@ -264,3 +264,12 @@ def test_a_singular_triangle_is_not_finite_and_its_neighbours_are_as_if_alone():
     assert not np.isfinite(z[1]).all()
     for r in (0, 2):
         np.testing.assert_array_equal(z[r], solve_lower(lower[r : r + 1], b[r : r + 1])[0])
+
+
+def test_a_square_root_of_next_to_nothing_is_one():
+    """Variances may be so small that the product of two of their inverses is too large for a number."""
+    cov = np.full((2, 3, 3), 5e-320)
+    cov[1] = np.eye(3)
+    root = square_root(cov)
+    np.testing.assert_allclose(root[0] @ root[0].T, cov[0], atol=1e-320)
+    np.testing.assert_array_equal(root[1], np.eye(3))
