@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from estimators.imm_pf import InteractingParticles
-from suite.parameters import parameter
+from suite import uniform_box
 from suite.particles import Particles, Resampled
 from suite.random import Generators
 from suite.resampling import SCHEMES
-from suite.uniform_box import BOXES, UniformBox
+from suite.uniform_box import UniformBox
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,8 @@ class InteractingUniformResampling(InteractingParticles):
         "W. Liu, W. Song, Z. Huang, Improved interacting multiple model particle filter for passive multi-sensor "
         "(in Chinese), Ship Science and Technology 39(3), 2017, 145-149, section 3.2"
     )
-    fraction: float = parameter(0.9, "share of the particles kept, by weight; the paper: 0.8 to 1", above=0, high=1)
-    box: str = parameter(
-        "kept",
-        "what the box encloses (assumed): the particles kept, those that survive, or their mean ± sqrt(3) deviations",
-        choices=BOXES,
-    )
+    fraction: float = uniform_box.fraction()
+    box: str = uniform_box.box()
 
     def resampled(self, cloud: Particles, rng: Generators) -> Resampled:
         """A mode's particles after resampling: most of them survivors, the rest spread evenly."""

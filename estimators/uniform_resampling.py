@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from suite import particles
+from suite import particles, uniform_box
 from suite.linalg import Array
 from suite.model import StateSpaceModel
 from suite.parameters import parameter
@@ -12,7 +12,7 @@ from suite.particles import Particles, Resampled
 from suite.proposal import from_transition
 from suite.random import Generators
 from suite.resampling import SCHEMES, Indices
-from suite.uniform_box import BOXES, UniformBox
+from suite.uniform_box import UniformBox
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,8 @@ class UniformResampling(ParticleFilter):
         "W. Liu, W. Song, Z. Huang, Improved interacting multiple model particle filter for passive multi-sensor "
         "(in Chinese), Ship Science and Technology 39(3), 2017, 145-149, section 2.2"
     )
-    fraction: float = parameter(0.9, "share of the particles kept, by weight; the paper: 0.8 to 1", above=0, high=1)
-    box: str = parameter(
-        "kept",
-        "what the box encloses (assumed): the particles kept, those that survive, or their mean ± sqrt(3) deviations",
-        choices=BOXES,
-    )
+    fraction: float = uniform_box.fraction()
+    box: str = uniform_box.box()
     threshold: float = parameter(1.0, "resample below this share of effective particles", low=0, high=1)
     resampling: str = parameter("multinomial", "resampling scheme", choices=tuple(SCHEMES))
 

@@ -160,8 +160,9 @@ def read(path: Path, names: list[str]) -> dict[str, Any]:
     Raises StoreError when the file's contents are damaged.
     """
     try:
-        held = [name for name in pq.read_schema(path).names if name in names]  # files of older versions lack some
-        table = pq.read_table(path, columns=held, partitioning=None, page_checksum_verification=True)
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            held = [name for name in file.schema_arrow.names if name in names]  # files of older versions lack some
+            table = file.read(columns=held)
     except (OSError, pa.ArrowException) as error:
         raise StoreError(f"{path} is damaged ({' '.join(str(error).split())[:120]}); run again to recompute it") from error
     return {name: _array(table.column(name)) if name in held else None for name in names}

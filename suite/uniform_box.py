@@ -1,16 +1,29 @@
 """Uniform resampling: draws from the particles of largest weight, filled up with even draws over a box around them."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from suite import particles
 from suite.linalg import Array
+from suite.parameters import parameter
 from suite.particles import Particles, Resampled
 from suite.random import Generators
 from suite.resampling import Indices, Scheme, select
 
 BOXES = ("kept", "survivors", "deviations")
+
+
+def fraction() -> Any:
+    """The parameter of a filter that says how many of its particles are kept."""
+    return parameter(0.9, "share of the particles kept, by weight; the paper: 0.8 to 1", above=0, high=1)
+
+
+def box() -> Any:
+    """The parameter of a filter that says what the box is."""
+    words = "what the box encloses (assumed): the particles kept, those that survive, or their mean ± sqrt(3) deviations"
+    return parameter("kept", words, choices=BOXES)
 
 
 @dataclass(frozen=True)

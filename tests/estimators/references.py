@@ -8,13 +8,14 @@ import numpy as np
 
 from estimators import ESTIMATORS
 from suite import parameters
+from suite.case import Truth, draw
 from suite.estimator import Estimate, told
 from suite.jump import Model
 from suite.jump_filter import JumpFilter
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian
-from tests.oracles import Linear
+from tests.oracles import Linear, from_west, generators, range_bearing
 
 PARTICLE_FILTERS = [
     name
@@ -126,3 +127,38 @@ def on_a_grid(grid: Array, model: StateSpaceModel, y: Array, between: Between | 
 def normal(e: Array, variance: float) -> Array:
     """Density of a centred normal number at e."""
     return np.asarray(np.exp(-0.5 * e * e / variance) / np.sqrt(2 * np.pi * variance))
+
+
+def from_both_sides(estimator: Any) -> tuple[Truth, Estimate, Estimate]:
+    """A target whose bearing jumps from pi to -pi, and what an estimator says of it from bearings with the jump and without.
+
+    Where angles are counted from must not matter: from east the bearing jumps, from west it passes through zero.
+    """
+    east = range_bearing()
+    truth = draw(east, 25, generators(4, "wrap"))
+    assert (truth.y[:, 1] > 3).any(axis=0).all()
+    assert (truth.y[:, 1] < -3).any(axis=0).all()
+    return truth, estimator.run(east, truth.y), estimator.run(range_bearing(west=True), from_west(truth.y))
+
+
+def near(actual: Array, expected: Array, tolerance: float = 1e-9) -> None:
+    """Assert that arrays agree relative to each number or, where these are small, to the largest."""
+    np.testing.assert_allclose(actual, expected, rtol=tolerance, atol=tolerance * np.abs(expected).max())
+
+
+def same_filter(a: Estimate, b: Estimate, tolerance: float = 1e-9) -> None:
+    """Assert that two Gaussian filters say the same: mean, covariance, log-likelihood and innovation."""
+    assert a.ok.all()
+    assert b.ok.all()
+    for name in ("mean", "cov", "loglik"):
+        near(getattr(a, name), getattr(b, name), tolerance)
+    np.testing.assert_allclose(a.innovation, b.innovation, rtol=tolerance, atol=tolerance)
+
+
+def with_outages(y: Array) -> Array:
+    """Some components missing in some runs at some steps, one whole step, and a run almost for good."""
+    y = y.copy()
+    y[np.random.default_rng(0).random(y.shape) < 0.3] = np.nan
+    y[3] = np.nan
+    y[2:, :, 0] = np.nan
+    return y

@@ -18,7 +18,8 @@ from suite.case import draw
 from suite.estimator import LOST, OK
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian, StudentT
-from tests.oracles import filterpy_kalman, from_west, generators, random_linear, range_bearing
+from tests.estimators.references import from_both_sides
+from tests.oracles import filterpy_kalman, generators, random_linear, range_bearing
 
 SHAPES = pytest.mark.parametrize("shape", [(1, 1, 1), (2, 1, 1), (3, 2, 1), (4, 2, 2), (6, 2, 3)], ids=str)
 NEW = pytest.mark.parametrize("make", [FilterpyExtended, FilterpyCubature], ids=["ekf", "ckf"])
@@ -105,12 +106,7 @@ def test_ekf_equals_the_kalman_filter_on_linear_models(shape, dirac):
 
 @NEW
 def test_bearings_wrap(make):
-    """Where angles are counted from must not matter: only one of the two sees a jump from pi to -pi."""
-    east, west = range_bearing(), range_bearing(west=True)
-    truth = draw(east, 25, generators(4, "wrap"))
-    assert (truth.y[:, 1] > 3).any(axis=0).all()
-    assert (truth.y[:, 1] < -3).any(axis=0).all()
-    a, b = make().run(east, truth.y), make().run(west, from_west(truth.y))
+    truth, a, b = from_both_sides(make())
     same(a, b.mean, b.cov, b.loglik, 1e-8)
     # A range error of 5 m and a bearing error of 20 m across: nowhere near the kilometres of a bearing gone wrong.
     assert np.abs(a.mean - truth.x)[:, [0, 2]].max() < 100

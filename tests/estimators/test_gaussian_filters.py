@@ -14,21 +14,18 @@ from estimators.iterated_ekf import IteratedExtended
 from estimators.kalman import Kalman
 from estimators.ukf import Unscented
 from suite import particles
-from suite.case import draw
 from suite.errors import BadInput
 from suite.estimator import LOST, StepError
 from suite.gaussian_filter import GaussianFilter
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian, StudentT
 from suite.nonadditive import NonadditiveSensor, NonadditiveTransition
+from tests.estimators.references import from_both_sides, near, same_filter, with_outages
 from tests.oracles import (
     filterpy_kalman,
-    from_west,
-    generators,
     joint_loglik,
     joint_posterior,
     random_linear,
-    range_bearing,
 )
 
 FILTERS = (
@@ -39,27 +36,6 @@ SHAPES = [(1, 1, 1), (2, 1, 1), (3, 2, 1), (4, 2, 2), (5, 3, 2), (4, 4, 4), (2, 
 """State, measurement and process noise dimensions; where the last is below the first, the noise is singular."""
 every_filter = pytest.mark.parametrize("filter", FILTERS, ids=repr)
 curved_filter = pytest.mark.parametrize("filter", CURVED, ids=repr)
-
-
-def near(actual, expected, tolerance=1e-9):
-    np.testing.assert_allclose(actual, expected, rtol=tolerance, atol=tolerance * np.abs(expected).max())
-
-
-def same(a, b, tolerance=1e-9):
-    assert a.ok.all()
-    assert b.ok.all()
-    for name in ("mean", "cov", "loglik"):
-        near(getattr(a, name), getattr(b, name), tolerance)
-    np.testing.assert_allclose(a.innovation, b.innovation, rtol=tolerance, atol=tolerance)
-
-
-def with_outages(y):
-    """Some components missing in some runs at some steps, one whole step, and a run almost for good."""
-    y = y.copy()
-    y[np.random.default_rng(0).random(y.shape) < 0.3] = np.nan
-    y[3] = np.nan
-    y[2:, :, 0] = np.nan
-    return y
 
 
 @every_filter
@@ -98,7 +74,7 @@ def test_a_sensor_without_noise_measures_exactly(filter):
     problem = dataclasses.replace(random_linear(9, 3, 2, 3), R=np.diag([1.0, 0.0]))
     _, y = problem.simulate(steps=5, runs=2, seed=3)
     found = filter.run(problem.model, y)
-    same(found, Kalman().run(problem.model, y), 1e-8)
+    same_filter(found, Kalman().run(problem.model, y), 1e-8)
     seen = np.einsum("i,tir->tr", problem.H[1], found.mean) + problem.h[1] + problem.v[1]
     np.testing.assert_allclose(seen, y[:, 1], rtol=1e-9)
     np.testing.assert_allclose(np.einsum("i,tijr,j->tr", problem.H[1], found.cov, problem.H[1]), 0.0, atol=1e-9)
@@ -106,13 +82,8 @@ def test_a_sensor_without_noise_measures_exactly(filter):
 
 @curved_filter
 def test_bearings_wrap(filter):
-    """Where angles are counted from must not matter: only one of the two sees a jump from pi to -pi."""
-    east, west = range_bearing(), range_bearing(west=True)
-    truth = draw(east, 25, generators(4, "wrap"))
-    assert (truth.y[:, 1] > 3).any(axis=0).all()
-    assert (truth.y[:, 1] < -3).any(axis=0).all()
-    a, b = filter.run(east, truth.y), filter.run(west, from_west(truth.y))
-    same(a, b, 1e-7)
+    truth, a, b = from_both_sides(filter)
+    same_filter(a, b, 1e-7)
     # A range error of 5 m and a bearing error of 20 m across: nowhere near the kilometres of a bearing gone wrong.
     assert np.abs(a.mean - truth.x)[:, [0, 2]].max() < 100
 

@@ -10,28 +10,7 @@ from estimators.iterated_ekf import IteratedExtended
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
 from suite.nonadditive import NonadditiveSensor
-
-
-def near(actual, expected, tolerance=1e-9):
-    np.testing.assert_allclose(actual, expected, rtol=tolerance, atol=tolerance * np.abs(expected).max())
-
-
-def same(a, b, tolerance=1e-9):
-    assert a.ok.all()
-    assert b.ok.all()
-    for name in ("mean", "cov", "loglik"):
-        near(getattr(a, name), getattr(b, name), tolerance)
-    np.testing.assert_allclose(a.innovation, b.innovation, rtol=tolerance, atol=tolerance)
-
-
-def with_outages(y):
-    """Some components missing in some runs at some steps, one whole step, and a run almost for good."""
-    y = y.copy()
-    y[np.random.default_rng(0).random(y.shape) < 0.3] = np.nan
-    y[3] = np.nan
-    y[2:, :, 0] = np.nan
-    return y
-
+from tests.estimators.references import near, same_filter, with_outages
 
 WIDE = Gaussian([1.2, 0.4], [[0.5, 0.1], [0.1, 0.4]])
 
@@ -93,7 +72,7 @@ def test_iterations_end_at_the_most_probable_state():
 def test_one_iteration_is_the_extended_filter(name):
     case = CASES[name]
     y = with_outages(case.simulate(3, seed=2).y[:20])
-    same(IteratedExtended(1).run(case.model, y), Extended().run(case.model, y), 1e-12)
+    same_filter(IteratedExtended(1).run(case.model, y), Extended().run(case.model, y), 1e-12)
 
 
 def test_nothing_measured_leaves_the_iterated_filter_a_prediction():

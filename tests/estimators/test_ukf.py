@@ -15,7 +15,8 @@ from suite.estimator import LOST
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian, StudentT
 from suite.nonadditive import NonadditiveSensor, NonadditiveTransition
-from tests.oracles import from_west, generators, random_linear, range_bearing
+from tests.estimators.references import from_both_sides
+from tests.oracles import generators, random_linear
 
 BOTH = pytest.mark.parametrize("make", [Unscented, FilterpyUnscented], ids=["ours", "filterpy"])
 SHAPES = [(1, 1, 1), (2, 1, 1), (3, 2, 1), (4, 2, 2), (4, 4, 4), (6, 2, 3)]
@@ -109,12 +110,7 @@ def test_moments_of_a_square_are_exact():
 
 @BOTH
 def test_bearings_wrap(make):
-    """Where angles are counted from must not matter: only one of the two sees a jump from pi to -pi."""
-    east, west = range_bearing(), range_bearing(west=True)
-    truth = draw(east, 25, generators(4, "wrap"))
-    assert (truth.y[:, 1] > 3).any(axis=0).all()
-    assert (truth.y[:, 1] < -3).any(axis=0).all()
-    a, b = make().run(east, truth.y), make().run(west, from_west(truth.y))
+    truth, a, b = from_both_sides(make())
     same(a, b)
     # A range error of 5 m and a bearing error of 20 m across: nowhere near the kilometres of a bearing gone wrong.
     assert np.abs(a.mean - truth.x)[:, [0, 2]].max() < 100
