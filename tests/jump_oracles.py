@@ -1,6 +1,8 @@
 """Oracles for jump-Markov models: the exact posterior of linear-Gaussian ones, by a Kalman filter for every mode sequence."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -125,3 +127,13 @@ THREE = JumpLinear(
     np.array([0.6, 0.0, 0.4]),
 )  # fmt: skip
 """Three modes that differ in everything that can differ, priors too, with jumps and a beginning that are impossible."""
+
+PARTS = ("mean", "cov", "loglik", "mode")
+"""What an exact posterior and an estimate have in common."""
+
+
+def near(found: Any, expected: Any, parts: Sequence[str] = PARTS, rtol: float = 1e-10) -> None:
+    """Assert that the parts of two posteriors agree relative to each number or, where these are small, to the largest."""
+    for part in parts:
+        value = getattr(expected, part)
+        np.testing.assert_allclose(getattr(found, part), value, rtol=rtol, atol=rtol * np.abs(value).max(), err_msg=part)

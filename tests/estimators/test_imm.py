@@ -15,11 +15,10 @@ from suite.jump import JumpModel
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
 from suite.problems import CURVED
-from tests.jump_oracles import THREE, TWO, JumpLinear, enumeration
+from tests.jump_oracles import PARTS, THREE, TWO, JumpLinear, enumeration, near
 from tests.oracles import range_bearing
 
 BOTH = pytest.mark.parametrize("imm", [InteractingExtended(), InteractingUnscented()], ids=lambda f: f.name)
-PARTS = ("mean", "cov", "loglik", "mode")
 TPMS = (np.eye(3), THREE.P, np.full((3, 3), 1 / 3), np.roll(np.eye(3), 1, axis=1))
 LAWS = (np.array([1.0, 0.0, 0.0]), np.array([0.2, 0.0, 0.8]))
 
@@ -35,12 +34,6 @@ def with_outages(y):
     y = y.copy()
     y[0, 0, 0] = y[0, :, 1] = y[2, 1, 2] = y[3, :, 1:3] = np.nan
     return y
-
-
-def near(found, expected, parts=PARTS, rtol=1e-10):
-    for part in parts:
-        value = getattr(expected, part)
-        np.testing.assert_allclose(getattr(found, part), value, rtol=rtol, atol=rtol * np.abs(value).max(), err_msg=part)
 
 
 @pytest.mark.parametrize("p0", LAWS)

@@ -14,10 +14,9 @@ from suite.noise import Gaussian, StudentT
 from suite.problems import CURVED
 from suite.resampling import SCHEMES
 from tests.estimators.references import repeated, scores, unbiased
-from tests.jump_oracles import THREE, TWO, JumpLinear, enumeration
+from tests.jump_oracles import PARTS, THREE, TWO, JumpLinear, enumeration, near
 from tests.oracles import generators, random_linear
 
-PARTS = ("mean", "cov", "loglik", "mode")
 PROBLEMS = pytest.mark.parametrize("problem", [TWO, THREE], ids=["two", "three"])
 BAND = 6.0
 """Standard errors. All tests of this file together look at fewer than 1000 figures: a false alarm has probability below 2e-6
@@ -29,12 +28,6 @@ def with_gaps(y):
     y = y.copy()
     y[1, 1], y[2] = np.nan, np.nan
     return y
-
-
-def near(found, expected, parts=PARTS, rtol=1e-9):
-    for part in parts:
-        value = getattr(expected, part)
-        np.testing.assert_allclose(getattr(found, part), value, rtol=rtol, atol=rtol * np.abs(value).max(), err_msg=part)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
