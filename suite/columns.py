@@ -43,7 +43,9 @@ class Columns:
     def blank(self, row: int, column: str) -> bool:
         """Whether a cell holds nothing."""
         cell = self.cells[column][row]
-        return not cell.strip() if isinstance(cell, str) else cell is None or cell is pandas.NaT or cell != cell
+        if isinstance(cell, str):
+            return not cell.strip()
+        return cell is None or cell is pandas.NA or cell is pandas.NaT or (isinstance(cell, float) and math.isnan(cell))
 
     def text(self, row: int, column: str) -> str:
         """The text in a cell. Raises BadInput when there is none."""

@@ -181,8 +181,10 @@ def test_faults_of_times_and_places_on_the_globe(tmp_path):
     )
 
 
-def test_a_parquet_file_names_its_rows(tmp_path):
-    frame = pandas.DataFrame({"time": [0.0, 1.0], "sensor": ["gps", "gps"], "z1": [1.0, None], "z2": [1.0, 2.0]})
+@pytest.mark.parametrize("kind", ["float", "Int64", "string"])
+def test_a_parquet_file_names_its_rows(tmp_path, kind):
+    frame = pandas.DataFrame({"time": [0.0, 1.0], "sensor": ["gps", "gps"], "z2": [1.0, 2.0]})
+    frame["z1"] = pandas.Series(["1", None] if kind == "string" else [1, None], dtype=kind)
     frame.to_parquet(tmp_path / "ferry.parquet")
     toml = changed(TOML, "ferry.csv", "ferry.parquet")
     assert said(tmp_path, toml, None) == "ferry.parquet, row 2, column 'z1': a number is missing"
