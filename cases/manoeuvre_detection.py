@@ -1,17 +1,19 @@
 """Bearings only of a target that turns now and then, from an observer that moves (Radosavljevic and Stankovic)."""
 
 import functools
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from suite.case import Case, Divergence, Equation, StateBlock, Truth, measure
-from suite.jump import JumpModel
+from suite.jump import JumpModel, Modes
 from suite.linalg import Array
-from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
+from suite.model import AdditiveSensor, AdditiveTransition, Affine, Function, StateSpaceModel
 from suite.noise import Gaussian
 from suite.random import Generators
 
+FAMILY = "manoeuvre-detection"
 STEPS = 40
 TURNS = (range(11, 21), range(31, 41))  # the scans of a manoeuvre
 SIGMA_A = 1.6e-6  # km/s², standard deviation of the acceleration over a scan
@@ -23,15 +25,18 @@ LEGS = ((0, 140.0), (13, 140.0), (17, 20.0), (31, 20.0), (35, 155.0), (40, 155.0
 """Course of the observer in degrees at some scans; in between it is linear in time."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A set-up: T in s, ranges in km, speeds in km/s, angles in degrees, the acceleration of a manoeuvre in km/s²."""
+    """A set-up: T in s, ranges in km, speeds in km/s, angles in degrees, the acceleration of a turn in km/s².
+
+    sigma is that of a bearing; range_std, speed_std, course_std and course_guess are what the prior knows at scan 0.
+    """
 
     T: float
     range: float
-    bearing: float
+    bearing: float = 80.0
     speed: float
-    course: float
+    course: float = -140.0
     observer: float
     acceleration: float
     sigma: float
@@ -41,9 +46,19 @@ class Scene:
     course_guess: float
 
 
-NAVAL = Scene(60.0, 5.0, 80.0, 4 * KNOT, -140.0, 5 * KNOT, 1.08e-5, 1.5, 0.1, 0.1 * KNOT, 3.0, -140.0)
-NAVAL_LOOSE = Scene(60.0, 5.0, 80.0, 4 * KNOT, -140.0, 5 * KNOT, 1.08e-5, 1.5, 2.0, 2 * KNOT, 180 / np.sqrt(12), 80.0 + 180.0)
-AIRCRAFT_LOOSE = Scene(1.5, 8.0, 80.0, 0.2, -140.0, 0.25, 0.03, 0.5, 3.2, 0.1, 180 / np.sqrt(12), 80.0 + 180.0)
+NAVAL = Scene(
+    T=60.0, range=5.0, speed=4 * KNOT, observer=5 * KNOT, acceleration=1.08e-5, sigma=1.5,
+    range_std=0.1, speed_std=0.1 * KNOT, course_std=3.0, course_guess=-140.0,
+)  # fmt: skip
+NAVAL_LOOSE = replace(NAVAL, range_std=2.0, speed_std=2 * KNOT, course_std=180 / np.sqrt(12), course_guess=80.0 + 180.0)
+AIRCRAFT_LOOSE = Scene(
+    T=1.5, range=8.0, speed=0.2, observer=0.25, acceleration=0.03, sigma=0.5,
+    range_std=3.2, speed_std=0.1, course_std=180 / np.sqrt(12), course_guess=80.0 + 180.0,
+)  # fmt: skip
+
+
+Turns = tuple[range, ...]
+Start = Callable[[Scene, Generators], Array]
 
 
 def heading(degrees: Array | float) -> Array:
@@ -88,6 +103,11 @@ def turned(scene: Scene, x: Array, k: int) -> Array:
     return np.stack([px + east, vx * c - vy * s, py + north, vx * s + vy * c])
 
 
+def motion(scene: Scene) -> tuple[Function, Function]:
+    """Straight flight, and a turn."""
+    return Affine(np.kron(np.eye(2), [[1.0, scene.T], [0.0, 1.0]])), functools.partial(turned, scene)
+
+
 def model(scene: Scene) -> JumpModel:
     """Constant velocity and turn, seen by bearing from the moving observer."""
     own = observer(scene)
@@ -96,34 +116,110 @@ def model(scene: Scene) -> JumpModel:
         return np.stack([np.arctan2(x[0] - own[0, k], x[2] - own[1, k])])
 
     T = scene.T
-    straight = Affine(np.kron(np.eye(2), [[1.0, T], [0.0, 1.0]]))
     gain, noise = np.kron(np.eye(2), [[T * T / 2], [T]]), Gaussian.diagonal([SIGMA_A**2] * 2)
     sensor = AdditiveSensor(bearing, Gaussian.diagonal([(scene.sigma * DEGREE) ** 2]), angles=(0,))
-    motions = (straight, functools.partial(turned, scene))
-    modes = tuple(StateSpaceModel(prior(scene), AdditiveTransition(motion, noise, gain), sensor) for motion in motions)
+    modes = tuple(StateSpaceModel(prior(scene), AdditiveTransition(mean, noise, gain), sensor) for mean in motion(scene))
     return JumpModel(modes, TRANSITION, INITIAL, names=("straight", "turn"))
 
 
-def sailed(scene: Scene, turns: tuple[range, ...], rng: Generators) -> Truth:
-    """The target's one way through its turns, without noise, and what the observer measures in each run."""
-    modes = model(scene).modes
+def stated_start(scene: Scene) -> Array:
+    """The state [4] at scan 0 that the scene names."""
     place, velocity = scene.range * heading(scene.bearing), scene.speed * heading(scene.course)
-    x, states, in_force = np.stack([place[0], velocity[0], place[1], velocity[1]])[:, None], [], []
-    for k in range(1, STEPS + 1):
-        turning = any(k in scans for scans in turns)
-        x = modes[turning].dynamics.mean(x, k)  # type: ignore[attr-defined]
+    return np.stack([place[0], velocity[0], place[1], velocity[1]])
+
+
+def path(scene: Scene, turns: Turns, x: Array) -> tuple[Array, Modes]:
+    """States [K, 4, R] at scans 1 to K of targets that start at x[4, R] and have no process noise, and their modes [K]."""
+    in_force = np.array([int(any(k in scans for scans in turns)) for k in range(1, STEPS + 1)])
+    motions, states = motion(scene), []
+    for k, mode in enumerate(in_force, start=1):
+        x = motions[mode](x, k)
         states.append(x)
-        in_force.append(int(turning))
-    trajectory = np.repeat(np.stack(states), rng.runs, axis=2)
-    return Truth(trajectory, measure(modes[0].sensor, trajectory, rng), np.repeat(np.array(in_force)[:, None], rng.runs, 1))
+    return np.stack(states), in_force
 
 
-def case(name: str, scene: Scene, words: str, turns: tuple[range, ...], guess: str) -> Case:
-    """A set-up with the turns that really happen; `guess` says what the prior knows."""
+def drawn(scene: Scene, rng: Generators) -> Array:
+    """Starts [4, R] drawn from the prior."""
+    return prior(scene).sample(rng, (rng.runs,))
+
+
+def fixed(scene: Scene, rng: Generators) -> Array:
+    """The stated start in all runs [4, R]."""
+    return np.repeat(stated_start(scene)[:, None], rng.runs, axis=1)
+
+
+def sailed(scene: Scene, turns: Turns, start: Start, rng: Generators) -> Truth:
+    """The target's way through its turns from its start in each run, and what the observer measures."""
+    x, modes = path(scene, turns, start(scene, rng))
+    return Truth(x, measure(model(scene).modes[0].sensor, x, rng), np.repeat(modes[:, None], rng.runs, axis=1))
+
+
+def naval(scene: Scene) -> tuple[str, ...]:
+    """Where the numbers of a naval scene come from."""
+    place, velocity = 1e3 * scene.T**2 / 2 * SIGMA_A, 1e6 * scene.T * SIGMA_A
+    return (
+        f"T = {scene.T:g} s stands in place of the paper's 1.5 s. The paper's σ_a is, as far as recalled, that of the naval "
+        "example of S. Arulampalam, B. Ristic, N. Gordon, T. Mansell, EURASIP Journal on Applied Signal Processing 2004(15), "
+        f"2351-2365, whose scans are a minute apart: there it is worth {place:.1f} m and {velocity:.0f} mm/s a scan, in 1.5 s "
+        "only 2 mm and 2 mm/s.",
+        f"Recalled from that example and not checked against its text: a target at {scene.range:g} km, of "
+        f"{scene.speed / KNOT:g} kn on course {scene.course:g}°; an observer of {scene.observer / KNOT:g} kn on courses 140°, "
+        f"20° and 155°, linear in time from scan 13 to 17 and from 31 to 35; σ_θ = {scene.sigma:g}°; "
+        f"a_m = {1e5 * scene.acceleration:g}e-5 km/s². The example's own turn, and its three modes with "
+        "their probabilities, are not used.",
+        f"Chosen here: the target's bearing of {scene.bearing:g}° at scan 0; the probabilities of the modes.",
+    )
+
+
+def aircraft(scene: Scene) -> tuple[str, ...]:
+    """Where the numbers of an aircraft scene come from."""
+    return (
+        f"T = {scene.T:g} s is the paper's. With it σ_a is next to no process noise, 2 mm and 2 mm/s a scan; it is "
+        "kept as printed.",
+        f"Chosen here, from no paper: a target at {scene.range:g} km, bearing {scene.bearing:g}°, of {scene.speed:g} km/s on "
+        f"course {scene.course:g}°; an observer of {scene.observer:g} km/s on courses 140°, 20° and 155°, linear in time from "
+        f"scan 13 to 17 and from 31 to 35; σ_θ = {scene.sigma:g}°; a_m = {scene.acceleration:g} km/s²; the probabilities of "
+        f"the modes; the prior, with the proportions of `{FAMILY}/naval-loose` in range, speed and course.",
+    )
+
+
+DRAWN = (
+    "The prior's deviations in range, speed and course are chosen here. The target starts from a draw of the prior in each "
+    "run, so that filters, all told one model, begin with the errors that it says. This replaces one start in all runs and a "
+    "prior about its measured bearing, which would be another model in each run."
+)
+RECALLED = "The prior's deviations in range, speed and course are recalled from that example too."
+FIXED = (
+    "The target starts at the stated state in all runs. The prior is about its true range, bearing and speed, but about the "
+    "course towards the observer."
+)
+CORRECTED = (
+    "Corrected in the model: arctan(x/y) is taken over the four quadrants, as atan2(x, y). The state is listed as (x, y, ẋ, ẏ) "
+    "but has the order (x, ẋ, y, ẏ) in eq. 3, and here; ẋ and ẏ, called accelerations, are velocities; w_k in eq. 3, called an "
+    "angular acceleration, is the turn rate ω. G, called the matrix of the measurement noise and not printed, is that of an "
+    "acceleration which is constant over a scan. h x(k) in eq. 4 is h[x(k)]. The paper's state is relative to the observer, "
+    "here it is the target's own: by eq. 2 the same model.",
+    "Corrected in the statistic: the values given for eq. 12, log t1 = 0 and log t2 = λ, are swapped: 0 is the lower "
+    "threshold, at which no manoeuvre is accepted, λ the upper one. z_i in eq. 13 is z_k. Eq. 14, called the generalised "
+    "likelihood ratio, is the marginalised one. The product in eq. 15 is a sum. Eq. 16 is a ratio of sums of point masses, "
+    "which is not defined: in its place `pf-cusum` sums the log-ratios of the predictive likelihoods that its particles in a "
+    "turn and those in straight flight give. Eq. 17, for the error of velocity, prints positions, and M for the count of runs.",
+)
+
+
+def case(name: str, scene: Scene, words: str, start: Start, sources: tuple[str, ...], turns: Turns) -> Case:
+    """A set-up with the turns that really happen, or its twin without any."""
     happens = "turns in scans 11 to 20 and 31 to 40" if turns else "never turns: what alarms there are, are false"
+    manoeuvres = (
+        "The target turns in scans 11 to 20 and 31 to 40. The paper prints 1-10 and 20-30 for straight flight, 11-20 and 30-40 "
+        f"for manoeuvres, which overlap in scans 20 and 30. The twin that never turns is `{FAMILY}/{name}-straight`."
+        if turns
+        else f"The target never turns. Not in the paper: this is the twin of `{FAMILY}/{name}`, which turns and is alike in "
+        "all else but the draws: false alarms are counted here."
+    )
     return Case(
-        name=f"manoeuvre-detection/{name}",
-        title=f"Bearings only, {words}",
+        name=f"{FAMILY}/{name}" + ("" if turns else "-straight"),
+        title=f"Bearings only, {words}" + ("" if turns else ", no turn"),
         summary=f"A moving observer measures the bearing of a target that {happens}. Filters know that it may turn, and "
         "detectors are to say when it does.",
         steps=STEPS,
@@ -131,52 +227,58 @@ def case(name: str, scene: Scene, words: str, turns: tuple[range, ...], guess: s
         state=("x", "vx", "y", "vy"),
         blocks=(StateBlock("position", (0, 2), "km"), StateBlock("velocity", (1, 3), "km/s")),
         divergence=Divergence("position", limit=0.5 * scene.range, steps=5),
-        reference="Radosavljevic, Stankovic, Manoeuvre detection by a particle filter (in Serbian)",
+        reference="Z. Radosavljević, S. Stanković, Sekvencijalna metoda za detekciju manevra aviona (in Serbian)",
         equations=(
             Equation("Straight flight, on both axes", r"x_k = x_{k-1} + T \dot x_{k-1} + \frac{T^2}{2} w_k, \quad "
-                     r"\dot x_k = \dot x_{k-1} + T w_k"),
+                     r"\dot x_k = \dot x_{k-1} + T w_k, \quad w_k \sim N(0, \sigma_a^2)"),
             Equation(
-                "Turn, its velocity rotated by ωT",
-                r"x_k = x_{k-1} + \dot x_{k-1} \frac{\sin \omega T}{\omega} - \dot y_{k-1} \frac{1 - \cos \omega T}{\omega}, "
-                r"\quad \omega = \frac{a_m}{\sqrt{\dot x_{k-1}^2 + \dot y_{k-1}^2}}",
+                "Turn, with the same noise added, its velocity rotated by ωT",
+                r"\begin{pmatrix} x_k \\ y_k \end{pmatrix} = \begin{pmatrix} x_{k-1} \\ y_{k-1} \end{pmatrix} + "
+                r"\frac{1}{\omega} \begin{pmatrix} \sin \omega T & \cos \omega T - 1 \\ 1 - \cos \omega T & \sin \omega T "
+                r"\end{pmatrix} \begin{pmatrix} \dot x_{k-1} \\ \dot y_{k-1} \end{pmatrix}, \quad "
+                r"\omega = \frac{a_m}{\sqrt{\dot x_{k-1}^2 + \dot y_{k-1}^2}}",
             ),
+            Equation("Modes, straight and turn", r"P(r_k = j \mid r_{k-1} = i) = \begin{pmatrix} 0.9 & 0.1 \\ 0.1 & 0.9 "
+                     r"\end{pmatrix}_{ij}, \quad P(r_0) = (0.95, 0.05)"),
             Equation(
                 "Bearing from the observer at o", r"z_k = \mathrm{atan2}(x_k - o_{x,k}, y_k - o_{y,k}) + v_k, \quad "
                 r"v_k \sim N(0, \sigma_\theta^2)"
             ),
         ),
         assumptions=(
-            "Stated in the paper: 40 scans, turns in scans 11 to 20 and 31 to 40 (its printed ranges overlap), accelerations "
-            f"of {SIGMA_A:g} km/s². Its interval of 1.5 s does not fit that naval number (2 mm a scan).",
-            f"Chosen here, after Arulampalam, Ristic, Gordon and Mansell (2004) where the paper is silent: T = {scene.T:g} s, "
-            f"a target at {scene.range:g} km, bearing {scene.bearing:g}°, {scene.speed:.4g} km/s, course {scene.course:g}°; an "
-            f"observer of {scene.observer:.4g} km/s on course 140°, 20° and 155°, turning in scans 13 to 17 and 31 to 35; "
-            f"σ_θ = {scene.sigma:g}°, a_m = {scene.acceleration:g} km/s²; P = (0.9, 0.1; 0.1, 0.9), initially (0.95, 0.05).",
-            f"The prior has the moments of {guess}, about the target's true bearing; scan 0 itself is not measured.",
-            "The target has no process noise and sails one and the same way in all runs; the turn is counter-clockwise seen "
-            "with x to the east and y to the north.",
-            f"A run has diverged when its position is off by more than {0.5 * scene.range:g} km for 5 scans on end.",
+            "Stated in the paper: bearings from an observer that moves; two modes, constant velocity and a turn of rate a_m "
+            "over the speed; 40 scans, T = 1.5 s, σ_a = 1.6e-6 km/s²; a filter of N = 1000 particles, resampled below N/3 "
+            "effective ones; 100 runs. Its text has no other number of the model; its figures were not at hand.",
+            manoeuvres,
+            f"The prior is Gaussian and has the moments of {knowledge(scene)}, normal and independent.",
+            *sources,
+            "Chosen here: the target has no process noise, scan 0 is not measured, and the turn of the model is "
+            "counter-clockwise, seen with x to the east and y to the north.",
+            *CORRECTED,
+            f"A run has diverged when its position is off by more than {0.5 * scene.range:g} km, half the stated range of scan "
+            "0, for 5 scans on end.",
         ),
         plane=(0, 2),
         model=model(scene),
-        generate=functools.partial(sailed, scene, turns),
+        generate=functools.partial(sailed, scene, turns, start),
     )  # fmt: skip
 
 
 def knowledge(scene: Scene) -> str:
     """What the prior of a scene knows, in words."""
     return (
-        f"range {scene.range:g} ± {scene.range_std:g} km, bearing ± {scene.sigma:g}°, speed {scene.speed:.4g} ± "
-        f"{scene.speed_std:.4g} km/s and course {scene.course_guess:g}° ± {scene.course_std:.3g}°"
+        f"range {scene.range:g} ± {scene.range_std:g} km, bearing {scene.bearing:g}° ± {scene.sigma:g}°, speed "
+        f"{1e3 * scene.speed:.4g} ± {1e3 * scene.speed_std:.3g} m/s and course {scene.course_guess:g}° ± "
+        f"{scene.course_std:.3g}°"
     )
 
 
 CASES = tuple(
-    case(f"{name}{'' if turns else '-straight'}", scene, f"{words}{'' if turns else ', no turn'}", turns, knowledge(scene))
-    for name, scene, words in (
-        ("naval", NAVAL, "ships"),
-        ("naval-loose", NAVAL_LOOSE, "ships, little known at first"),
-        ("aircraft-loose", AIRCRAFT_LOOSE, "aircraft, little known at first"),
+    case(name, scene, words, start, sources, turns)
+    for name, scene, words, start, sources in (
+        ("naval", NAVAL, "ships", drawn, (*naval(NAVAL), DRAWN)),
+        ("naval-loose", NAVAL_LOOSE, "ships, little known at first", fixed, (*naval(NAVAL_LOOSE), RECALLED, FIXED)),
+        ("aircraft-loose", AIRCRAFT_LOOSE, "aircraft, little known at first", fixed, (*aircraft(AIRCRAFT_LOOSE), FIXED)),
     )
     for turns in (TURNS, ())
 )

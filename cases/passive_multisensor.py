@@ -83,8 +83,8 @@ def case(name: str, sigma: float, words: str) -> Case:
         state=("x", "y", "vx", "vy"),
         blocks=(StateBlock("position", (0, 1), "km"), StateBlock("velocity", (2, 3), "km/s")),
         divergence=Divergence("position", limit=1.0, steps=5),
-        reference="Liu, Song, Huang, Passive multi-sensor manoeuvring target tracking by an interacting multiple model "
-        "particle filter with uniform resampling (in Chinese)",
+        reference="W. Liu, W. Song, Z. Huang, Improved interacting multiple model particle filter for passive multi-sensor "
+        "(in Chinese), Ship Science and Technology 39(3), 2017, 145-149",
         equations=(
             Equation(
                 "Turn of rate ω; straight flight is its limit for ω = 0",
@@ -95,19 +95,28 @@ def case(name: str, sigma: float, words: str) -> Case:
             Equation(
                 "Bearing from station i", r"z_i = \mathrm{atan2}(x - x_i, y - y_i) + v_i, \quad v_i \sim N(0, \sigma_\theta^2)"
             ),
+            Equation(
+                "Modes: straight flight, left turn, right turn",
+                r"P(r_k = j \mid r_{k-1} = i) = \begin{pmatrix} 0.9 & 0.05 & 0.05 \\ 0.2 & 0.795 & 0.005 \\ "
+                r"0.2 & 0.005 & 0.795 \end{pmatrix}_{ij}",
+            ),
             Equation("Accelerations", r"w_k \sim N(0, \sigma_a^2 I), \quad \sigma_a = 0.01\ \mathrm{km/s^2}"),
         ),
         assumptions=(
-            "Stated in the paper: the transition probabilities, the initial probabilities (0.9, 0.05, 0.05), and "
-            "P0 = 1e-6 diag(400, 400, 100, 100), read in km and km/s: 20 m and 10 m/s.",
-            "The paper's state noise variance of 100 m/s² is read as (10 m/s²)², that is (0.01 km/s²)².",
-            "Chosen here, since the paper does not say: T = 1 s, ω = 0.1 rad/s, stations at (0, 0), (20, 0) and (10, 20) km, "
-            f"bearings good to {1000 * sigma:g} mrad, a start at (3, 6) km with (150, 50) m/s, 100 steps, of which 31 to 50 "
-            "turn left and 71 to 90 right.",
-            "Corrected in the paper's matrices: the entry (cos ωT)/ω of the turn is (cos ωT - 1)/ω, and G has the rows of both "
-            "velocities in all modes.",
-            "The flight has no process noise, and starts from a draw of the prior: the same as a filter's start drawn about "
-            "one flight, up to the bend of the bearings.",
+            "Stated in the paper: straight flight and turns at a constant rate; three modes, their transition probabilities "
+            "and their initial ones (0.9, 0.05, 0.05); bearings counted from the y axis; P0 = 1e-6 diag(400, 400, 100, 100); a "
+            "variance of the state noise of 100 m/s² in all modes.",
+            "Read so here: P0 in km² and km²/s², that is 20 m and 10 m/s; the variance as (10 m/s²)², that is (0.01 km/s²)²; "
+            "the three modes as straight flight, a turn to the left and one to the right.",
+            "Chosen here: T = 1 s, ω = 0.1 rad/s, stations at (0, 0), (20, 0) and (10, 20) km, bearings good to "
+            f"{1000 * sigma:g} mrad, a start at (3, 6) km with (150, 50) m/s, 100 steps, of which 31 to 50 turn left and 71 to "
+            "90 right. The paper may state them: the copy at hand lacks paragraphs, that on the simulation among them.",
+            "Corrected in the paper's model: the entry (cos ωT)/ω of the turn is (cos ωT - 1)/ω; G, printed transposed for "
+            "straight flight and without the rows of the velocities for turns, is (T²/2, 0; 0, T²/2; T, 0; 0, T) in all modes; "
+            "the arc tangent of a quotient is taken over the four quadrants; eq. 2 prints h_k(x_k) for the measurement of step "
+            "k + 1.",
+            "Chosen here: the flight has no process noise, and starts from a draw of the prior. That is the same as one flight "
+            "with a filter's start drawn about its own, up to the bend of the bearings.",
             "A run has diverged when its position is off by more than 1 km for 5 steps on end.",
         ),
         plane=(0, 1),

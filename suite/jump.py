@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from suite.checks import is_integer, numbers, several, shown
 from suite.linalg import Array
 from suite.model import StateSpaceModel
 from suite.random import Generators
@@ -32,12 +33,9 @@ class JumpModel:
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        modes, count = tuple(self.modes), len(self.modes)
-        if not count:
-            raise ValueError("JumpModel.modes is empty")
+        modes = several("JumpModel.modes", self.modes, StateSpaceModel)
+        count = len(modes)
         for i, mode in enumerate(modes):
-            if not isinstance(mode, StateSpaceModel):
-                raise ValueError(f"JumpModel.modes[{i}] is of type {type(mode).__name__}, not a StateSpaceModel")
             if (mode.n, mode.m) != (self.n, self.m):
                 raise ValueError(
                     f"JumpModel.modes[{i}] has {mode.n} state and {mode.m} measurement components, modes[0] has {self.n} and "
@@ -46,13 +44,15 @@ class JumpModel:
         object.__setattr__(self, "modes", modes)
         for field, shape in (("transition", (count, count)), ("initial", (count,))):
             object.__setattr__(self, field, _probabilities(field, getattr(self, field), shape))
-        integer = isinstance(self.nominal, int | np.integer) and not isinstance(self.nominal, bool)
-        if not integer or not 0 <= self.nominal < count:
-            raise ValueError(f"JumpModel.nominal is {self.nominal!r}, not the index of one of {count} modes: 0 to {count - 1}")
-        names = self.names or tuple(f"mode {i + 1}" for i in range(count))
+        if not is_integer(self.nominal) or not 0 <= self.nominal < count:
+            raise ValueError(
+                f"JumpModel.nominal is {shown(self.nominal)}, not the index of one of {count} modes: 0 to {count - 1}"
+            )
+        names: Any = self.names.tolist() if isinstance(self.names, np.ndarray) else self.names
+        names = [f"mode {i + 1}" for i in range(count)] if names in ((), []) else names
         words = isinstance(names, tuple | list) and all(isinstance(name, str) for name in names)
         if not words or not len(names) == len(set(names)) == count:
-            raise ValueError(f"JumpModel.names must be {count} different names, one a mode, got {names!r}")
+            raise ValueError(f"JumpModel.names must be {count} different names, one a mode, got {shown(self.names)}")
         object.__setattr__(self, "names", tuple(names))
 
     @property
@@ -79,10 +79,7 @@ class JumpModel:
 
 def _probabilities(field: str, given: Any, shape: tuple[int, ...]) -> Array:
     """The rows of `given` as probabilities. Raises ValueError that names the field and the row."""
-    try:
-        array = np.asarray(given, float)
-    except (TypeError, ValueError):
-        raise ValueError(f"JumpModel.{field} is not an array of numbers") from None
+    array = numbers(f"JumpModel.{field}", given)
     if array.shape != shape:
         raise ValueError(f"JumpModel.{field} has shape {array.shape}, {shape[0]} modes need {shape}")
     for i, row in enumerate(array.reshape(-1, shape[-1])):

@@ -5,6 +5,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from suite.checks import finite
+
 Array = NDArray[np.float64]
 _tri = lru_cache(maxsize=64)(np.tri)
 
@@ -13,8 +15,14 @@ def apply(matrix: Array, x: Array) -> Array:
     """Product of a constant matrix [p, n] with x[n, ...], over any trailing axes: [p, ...].
 
     Written as a loop over matrix entries: structural zeros cost nothing, and a run's bits do not depend on how many
-    runs stand beside it (a BLAS call over the flattened trailing axes would not promise that).
+    runs stand beside it (a BLAS call over the flattened trailing axes would not promise that). Dual numbers are not written
+    into an array: they get the same sums as an expression. Raises ValueError when the matrix does not fit.
     """
+    if matrix.shape[1:] != (len(x),):
+        raise ValueError(f"a matrix of shape {matrix.shape} does not fit a vector of {len(x)} components")
+    if not isinstance(x, np.ndarray):
+        zero = np.zeros(x.shape[1:])
+        return np.stack([sum((a * part for a, part in zip(row, x, strict=True) if a), zero) for row in matrix.tolist()])
     out = np.empty((len(matrix), *x.shape[1:]))
     for i, row in enumerate(matrix.tolist()):
         total = out[i, ...]  # a view even of a single number
@@ -31,34 +39,38 @@ def apply_by_run(stack: Array, x: Array) -> Array:
     return np.moveaxis(stack @ np.moveaxis(x, 1, 0), 0, 1)
 
 
-def factor(cov: Array) -> Array:
+def factor(cov: Array, field: str = "covariance") -> Array:
     """Lower-triangular L with L Lᵀ = cov for a symmetric positive semidefinite matrix [n, n], singular or not.
 
     A zero pivot of a semidefinite matrix has a zero column below it, so Cholesky's recursion simply skips it.
-    Raises ValueError when cov is not square, not symmetric or not positive semidefinite.
+    Raises ValueError, which calls it `field`, when cov is not square, not symmetric or not positive semidefinite.
     """
-    cov = np.asarray(cov, float)
-    if cov.ndim != 2 or cov.shape[0] != cov.shape[1]:
-        raise ValueError(f"a covariance is a square matrix, got shape {cov.shape}")
-    if not np.isfinite(cov).all():
-        raise ValueError("a covariance must be finite")
-    tolerance = 1e-9 * float(np.abs(cov).max(initial=0.0))
-    if np.abs(cov - cov.T).max(initial=0.0) > tolerance:
-        raise ValueError("a covariance must be symmetric")
-    # Pivots are judged against their own row: components may differ by many orders of magnitude.
+    cov = finite(field, cov, 2)
+    if cov.shape[0] != cov.shape[1]:
+        raise ValueError(f"{field} has shape {cov.shape}, it must be square")
+    variances = np.diag(cov)
+    if (variances < 0).any():
+        i = int(np.argmin(variances))
+        raise ValueError(f"{field}[{i}, {i}] is {cov[i, i]}, a negative variance")
+    # Entries and pivots are judged against their own rows: components may differ by many orders of magnitude.
+    scale = np.sqrt(variances)
+    size = scale[:, None] * scale
+    uneven = np.abs(cov - cov.T) > 1e-9 * size + 1e-300
+    if uneven.any():
+        i, j = np.argwhere(uneven)[0].tolist()
+        raise ValueError(f"{field} is not symmetric: [{i}, {j}] is {cov[i, j]}, [{j}, {i}] is {cov[j, i]}")
     lower = np.zeros_like(cov)
     for j in range(len(cov)):
         pivot = cov[j, j] - lower[j, :j] @ lower[j, :j]
-        if pivot > 1e-12 * abs(cov[j, j]):
+        if pivot > 1e-12 * cov[j, j]:
             lower[j, j] = np.sqrt(pivot)
             lower[j + 1 :, j] = (cov[j + 1 :, j] - lower[j + 1 :, :j] @ lower[j, :j]) / lower[j, j]
-    scale = np.sqrt(np.abs(np.diag(cov)))
-    if (np.abs(lower @ lower.T - cov) <= 1e-8 * np.outer(scale, scale) + 1e-300).all():
+    if (np.abs(lower @ lower.T - cov) <= 1e-8 * size + 1e-300).all():
         return lower
     try:  # a pivot that small was no zero after all
         return np.asarray(np.linalg.cholesky(cov), float)
     except np.linalg.LinAlgError:
-        raise ValueError("a covariance must be positive semidefinite") from None
+        raise ValueError(f"{field} is not positive semidefinite") from None
 
 
 def cholesky(stack: Array) -> Array:
@@ -87,7 +99,8 @@ def square_root(stack: Array) -> Array:
         scale = np.sqrt(np.maximum(np.diag(stack[r]), 0.0))
         inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
         if np.isfinite(stack[r]).all():
-            values, directions = np.linalg.eigh(stack[r] * np.outer(inverse, inverse))
+            # One factor after the other: the product of two inverses overflows where variances are next to nothing.
+            values, directions = np.linalg.eigh(stack[r] * inverse[:, None] * inverse)
             found = scale[:, None] * directions * np.sqrt(np.maximum(values, 0.0))
             tolerance = 1e-9 * np.outer(scale, scale) + 1e-12 * np.abs(stack[r]).max()
             if (np.abs(found @ found.T - stack[r]) <= tolerance).all():

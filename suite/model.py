@@ -11,9 +11,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from suite.angles import difference, wrap
+from suite.checks import finite, instance, places, shaped, sized
 from suite.jacobian import value_and_derivative
 from suite.linalg import Array, apply
-from suite.noise import Gaussian, Noise
+from suite.noise import Gaussian, Law, Noise
+from suite.nonadditive import NonadditiveSensor, NonadditiveTransition
 from suite.random import Generators
 
 Function = Callable[[Array, int], Array]
@@ -47,8 +50,10 @@ class Affine:
     """The function x -> A x + b, with A[p, n] and b[p] constant or functions of the time index."""
 
     def __init__(self, matrix: Array | Sequence[Sequence[float]] | Callable[[int], Array], offset: Array | None = None):
-        self._matrix = matrix if callable(matrix) else np.asarray(matrix, float)
-        self.offset = offset
+        self._matrix = matrix if callable(matrix) else shaped("Affine.matrix", matrix, 2)
+        self.offset = None if offset is None else shaped("Affine.offset", offset, 1)
+        if self.offset is not None and not callable(self._matrix) and len(self.offset) != len(self._matrix):
+            raise ValueError(f"Affine.offset has {len(self.offset)} entries, Affine.matrix has {len(self._matrix)} rows")
 
     def matrix(self, k: int) -> Array:
         """The matrix A at time index k."""
@@ -73,6 +78,12 @@ class AdditiveTransition:
     noise: Noise | Callable[[int], Noise]
     gain: Array | None = None
     jacobian_of_mean: Function | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.noise):
+            instance("AdditiveTransition.noise", self.noise, Law)
+        if self.gain is not None:
+            object.__setattr__(self, "gain", finite("AdditiveTransition.gain", self.gain, 2))
 
     def noise_at(self, k: int) -> Noise:
         """Law of w_k."""
@@ -131,6 +142,10 @@ class AdditiveSensor:
     angles: tuple[int, ...] = ()
     jacobian_of_mean: Function | None = None
 
+    def __post_init__(self) -> None:
+        instance("AdditiveSensor.noise", self.noise, Law)
+        object.__setattr__(self, "angles", places("AdditiveSensor.angles", self.angles, self.dim))
+
     @property
     def dim(self) -> int:
         """Number of measurement components m."""
@@ -176,7 +191,8 @@ class StateSpaceModel:
     """A prior for x_0, a transition and a sensor.
 
     linear: components of the state in which, given the others, the mean functions of dynamics and sensor are affine; what
-    Rao-Blackwellised filters integrate out. Raises ValueError when dimensions disagree, or a mean function is not affine.
+    Rao-Blackwellised filters integrate out. Raises ValueError that names the field when dimensions disagree, or a mean
+    function is not affine.
     """
 
     prior: Gaussian
@@ -185,17 +201,18 @@ class StateSpaceModel:
     linear: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        n, m = self.n, self.m
-        at_mean = self.prior.mean[:, None]
-        for part, law, expected in (("dynamics", self.dynamics, n), ("sensor", self.sensor, m)):
+        instance("StateSpaceModel.prior", self.prior, Gaussian)
+        dynamics, sensor, at = self.dynamics, self.sensor, self.prior.mean[:, None]
+        if isinstance(dynamics, AdditiveTransition | NonadditiveTransition):
+            instance(f"{type(dynamics).__name__}.noise", dynamics.noise_at(1), Law)
+        if isinstance(dynamics, AdditiveTransition):
+            _check_gain(dynamics, self.n)
+        for law, size in ((dynamics, self.n), (sensor, self.m)):
             if isinstance(law, AdditiveTransition | AdditiveSensor):
-                shape = np.shape(law.mean(at_mean, 1))
-                if shape != (expected, 1):
-                    raise ValueError(f"{part}.mean maps a state of shape {(n, 1)} to {shape}, not {(expected, 1)}")
-        if isinstance(self.dynamics, AdditiveTransition):
-            shape = self.dynamics.noise_cov(1).shape
-            if shape != (n, n):
-                raise ValueError(f"dynamics.noise has a covariance of shape {shape}, the state needs {(n, n)}")
+                sized(f"{type(law).__name__}.mean", law.mean, (at,), size)
+            elif isinstance(law, NonadditiveTransition | NonadditiveSensor):
+                sized(f"{type(law).__name__}.function", law.function, (at, law.noise_at(1).mean[:, None]), size)
+        object.__setattr__(self, "linear", places("StateSpaceModel.linear", self.linear, self.n))
         self._check_linear()
 
     @property
@@ -211,8 +228,6 @@ class StateSpaceModel:
     def _check_linear(self) -> None:
         """Second differences along the linear components, about the prior mean and some points of the prior's size away."""
         linear = list(self.linear)
-        if len(set(linear)) < len(linear) or not set(linear) <= set(range(self.n)):
-            raise ValueError(f"linear names distinct components of a state of {self.n}, got {self.linear}")
         if not linear:
             return
         size, at = np.sqrt(np.diag(self.prior.cov))[:, None], self.prior.mean[:, None]
@@ -220,7 +235,7 @@ class StateSpaceModel:
         x, step = at + size * np.sin(angle), np.zeros_like(angle)
         x[:, 0] = at[:, 0]
         step[linear] = ((1 + size + np.abs(at)) * np.cos(angle))[linear]
-        for part, law in (("dynamics", self.dynamics), ("sensor", self.sensor)):
+        for law in (self.dynamics, self.sensor):
             if isinstance(law, AdditiveTransition | AdditiveSensor):
                 with np.errstate(all="ignore"):  # a point where the function is not defined proves nothing
                     below, middle, above = (np.asarray(law.mean(x + side * step, 1)) for side in (-1, 0, 1))
@@ -228,7 +243,7 @@ class StateSpaceModel:
                     values = np.abs(below) + np.abs(middle) + np.abs(above)
                     bent = bend > 1e-6 * values + 1e-11 * np.max(values, where=np.isfinite(values), initial=0.0)
                 if bent.any():
-                    raise ValueError(f"{part}.mean is not affine in the components {self.linear}, declared linear")
+                    raise ValueError(f"StateSpaceModel.linear is {self.linear}, where {type(law).__name__}.mean is not affine")
 
 
 def outage_patterns(z: Array) -> Iterator[tuple[tuple[int, ...], NDArray[np.intp]]]:
@@ -236,19 +251,6 @@ def outage_patterns(z: Array) -> Iterator[tuple[tuple[int, ...], NDArray[np.intp
     patterns, group = np.unique(~np.isnan(z), axis=1, return_inverse=True)
     for g, observed in enumerate(patterns.T):
         yield tuple(np.flatnonzero(observed).tolist()), np.flatnonzero(group == g)
-
-
-def difference(z: Array, expected: Array, angles: tuple[int, ...]) -> Array:
-    """Difference z - expected [m, ...], those components listed in `angles` wrapped to (-pi, pi]."""
-    rest = z - expected
-    for i in angles:
-        rest[i] = wrap(rest[i])
-    return rest
-
-
-def wrap(angle: Array) -> Array:
-    """Angles in radians, brought to (-pi, pi]."""
-    return angle - 2 * np.pi * np.ceil(angle / (2 * np.pi) - 0.5)
 
 
 def is_linear_gaussian(model: StateSpaceModel) -> bool:
@@ -263,6 +265,16 @@ def is_linear_gaussian(model: StateSpaceModel) -> bool:
         and isinstance(dynamics.noise_at(1), Gaussian)
         and isinstance(sensor.noise, Gaussian)
     )
+
+
+def _check_gain(dynamics: AdditiveTransition, n: int) -> None:
+    """Whether the noise's components fit a state of n, by the gain where there is one."""
+    q = len(dynamics.noise_at(1).mean)
+    if dynamics.gain is None and q != n:
+        raise ValueError(f"AdditiveTransition.noise has {q} components without a gain, the state has {n}")
+    if dynamics.gain is not None and dynamics.gain.shape != (n, q):
+        shape = dynamics.gain.shape
+        raise ValueError(f"AdditiveTransition.gain has shape {shape}, {n} state and {q} noise components need {(n, q)}")
 
 
 def _linearised(function: Function, analytic: Function | None, x: Array, k: int) -> tuple[Array, Array]:

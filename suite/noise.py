@@ -4,18 +4,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
 from itertools import groupby
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import gammaln
 
+from suite.checks import finite, positive, several
 from suite.linalg import Array, apply, factor
 from suite.random import Generators
 
 
-class Noise(Protocol):
-    """Law of a random vector with d components."""
+@runtime_checkable
+class Law(Protocol):
+    """Law of a random vector with d components, by its moments and draws."""
 
     @property
     def mean(self) -> Array:
@@ -27,6 +29,10 @@ class Noise(Protocol):
 
     def sample(self, rng: Generators, shape: tuple[int, ...]) -> Array:
         """Independent draws [d, *shape]; shape[0] is the number of runs."""
+
+
+class Noise(Law, Protocol):
+    """Law that has a density and marginals too."""
 
     def logpdf(self, e: Array) -> Array:
         """Log-density at e[d, ...]: [...]."""
@@ -43,26 +49,28 @@ class Gaussian:
     cov: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mean", np.asarray(self.mean, float))
-        object.__setattr__(self, "cov", np.asarray(self.cov, float))
-        if self.mean.ndim != 1 or self.cov.shape != (len(self.mean), len(self.mean)):
-            raise ValueError(f"mean has shape {self.mean.shape} but covariance has shape {self.cov.shape}")
+        object.__setattr__(self, "mean", finite("Gaussian.mean", self.mean, 1))
+        object.__setattr__(self, "cov", finite("Gaussian.cov", self.cov, 2))
+        d = len(self.mean)
+        if self.cov.shape != (d, d):
+            raise ValueError(f"Gaussian.cov has shape {self.cov.shape}, a mean of {d} components needs {(d, d)}")
         _ = self.lower  # a bad covariance is named here, not at its first use
 
     @classmethod
     def noise(cls, cov: Array | Sequence[Sequence[float]]) -> "Gaussian":
         """Zero-mean Gaussian with covariance [d, d]."""
-        return cls(np.zeros(len(cov)), np.asarray(cov, float))
+        matrix = finite("Gaussian.cov", cov, 2)
+        return cls(np.zeros(len(matrix)), matrix)
 
     @classmethod
     def diagonal(cls, variances: Array | Sequence[float]) -> "Gaussian":
         """Zero-mean Gaussian of independent components with the given variances [d]."""
-        return cls.noise(np.diag(np.asarray(variances, float)))
+        return cls.noise(np.diag(finite("Gaussian.variances", variances, 1)))
 
     @cached_property
     def lower(self) -> Array:
         """Lower-triangular L with L Lᵀ = cov."""
-        return factor(self.cov)
+        return factor(self.cov, "Gaussian.cov")
 
     @cached_property
     def _whiten(self) -> tuple[Array, float]:
@@ -97,10 +105,10 @@ class StudentT:
     dof: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scale", np.asarray(self.scale, float))
-        if not self.dof > 2:
-            raise ValueError(f"dof must be above 2 for a finite covariance, got {self.dof}")
-        _ = self._core
+        object.__setattr__(self, "scale", finite("StudentT.scale", self.scale, 2))
+        factor(self.scale, "StudentT.scale")
+        if not finite("StudentT.dof", self.dof, 0) > 2:
+            raise ValueError(f"StudentT.dof is {self.dof}, a finite covariance needs more than 2")
 
     @cached_property
     def _core(self) -> Gaussian:
@@ -143,10 +151,17 @@ class GaussianMixture:
     components: tuple[Gaussian, ...]
 
     def __post_init__(self) -> None:
-        if len(self.weights) != len(self.components) or not self.components:
-            raise ValueError(f"{len(self.weights)} weights for {len(self.components)} components")
-        if min(self.weights) <= 0 or abs(sum(self.weights) - 1) > 1e-9:
-            raise ValueError(f"weights must be positive and sum to one, got {self.weights}")
+        weights = positive("GaussianMixture.weights", self.weights)
+        object.__setattr__(self, "weights", tuple(weights.tolist()))
+        object.__setattr__(self, "components", several("GaussianMixture.components", self.components, Gaussian))
+        if len(self.weights) != len(self.components):
+            raise ValueError(f"GaussianMixture.weights has {len(weights)} entries for {len(self.components)} components")
+        if abs(weights.sum() - 1) > 1e-9:
+            raise ValueError(f"GaussianMixture.weights sums to {weights.sum():.9g}, not to 1")
+        dims = [len(component.mean) for component in self.components]
+        for i, d in enumerate(dims):
+            if d != dims[0]:
+                raise ValueError(f"GaussianMixture.components[{i}] is of dimension {d}, components[0] of {dims[0]}")
 
     @property
     def mean(self) -> Array:
@@ -190,12 +205,10 @@ class Gamma:
     scale: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "shape", np.asarray(self.shape, float))
-        object.__setattr__(self, "scale", np.asarray(self.scale, float))
-        if self.shape.ndim != 1 or self.shape.shape != self.scale.shape:
-            raise ValueError(f"shape {self.shape.shape} and scale {self.scale.shape} must be vectors of one length")
-        if (self.shape <= 0).any() or (self.scale <= 0).any():
-            raise ValueError("shape and scale of a Gamma noise must be positive")
+        object.__setattr__(self, "shape", positive("Gamma.shape", self.shape))
+        object.__setattr__(self, "scale", positive("Gamma.scale", self.scale))
+        if len(self.shape) != len(self.scale):
+            raise ValueError(f"Gamma.scale has {len(self.scale)} entries, Gamma.shape has {len(self.shape)}")
 
     @property
     def mean(self) -> Array:
@@ -235,8 +248,7 @@ class Independent:
     parts: tuple[Noise, ...]
 
     def __post_init__(self) -> None:
-        if not self.parts:
-            raise ValueError("independent noises need at least one part")
+        object.__setattr__(self, "parts", several("Independent.parts", self.parts, Law))
 
     @cached_property
     def mean(self) -> Array:

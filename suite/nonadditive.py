@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from suite.angles import difference, wrap
+from suite.checks import instance, is_integer, places, shown
 from suite.jacobian import value_and_derivative
 from suite.linalg import Array
-from suite.model import difference, wrap
-from suite.noise import Noise
+from suite.noise import Law, Noise
 from suite.random import Generators
 
 NoisyFunction = Callable[[Array, Array, int], Array]
@@ -24,6 +25,10 @@ class NonadditiveTransition:
     function: NoisyFunction
     noise: Noise | Callable[[int], Noise]
     density: Density | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.noise):
+            instance("NonadditiveTransition.noise", self.noise, Law)
 
     def noise_at(self, k: int) -> Noise:
         """Law of w_k."""
@@ -55,6 +60,12 @@ class NonadditiveSensor:
     dim: int
     angles: tuple[int, ...] = ()
     density: Density | None = None
+
+    def __post_init__(self) -> None:
+        instance("NonadditiveSensor.noise", self.noise, Law)
+        if not is_integer(self.dim) or self.dim < 1:
+            raise ValueError(f"NonadditiveSensor.dim is {shown(self.dim)}, not a number of components: 1 or more")
+        object.__setattr__(self, "angles", places("NonadditiveSensor.angles", self.angles, self.dim))
 
     def noise_at(self, k: int) -> Noise:
         """Law of v_k."""

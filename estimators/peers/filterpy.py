@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgWarning
 
+from suite.angles import wrap
 from suite.estimator import Filter, Readout
 from suite.gaussian import additive, differentiable
 from suite.linalg import Array
-from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel, wrap
+from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.parameters import parameter
 from suite.random import Generators
 

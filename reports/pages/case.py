@@ -196,7 +196,7 @@ def _ground(results: CaseResults, track: Tracks, marks: Mapping[str, Mark]) -> F
     drawing = figures.ground(track, card, marks, "fig-ground", title)
     caption = (
         f"Run {track.run}, the one whose error on this plane is the median of the runs of {track.chosen_by}. "
-        "The circle marks the start, the thin dark line the truth."
+        "The circle marks the start, the thin line without marks the truth."
     )
     if card.landmarks:
         caption += f" Triangles: {listed([name for name, *_ in card.landmarks], 8)}."

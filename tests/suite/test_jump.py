@@ -21,6 +21,9 @@ TALL = random_linear(1, 3, 2, 3).model
     ("field", "value", "words"),
     [
         ("modes", (), "JumpModel.modes is empty"),
+        ("modes", None, "JumpModel.modes is of type NoneType, not a tuple of StateSpaceModel"),
+        ("modes", TALL, "JumpModel.modes is of type StateSpaceModel, not a tuple of StateSpaceModel"),
+        ("modes", (None,), r"JumpModel.modes\[0\] is of type NoneType, not a StateSpaceModel"),
         (
             "modes",
             (TWO.model.modes[0], TALL),
@@ -47,12 +50,19 @@ TALL = random_linear(1, 3, 2, 3).model
         ("nominal", -1, "JumpModel.nominal is -1, not the index"),
         ("nominal", 1.0, "JumpModel.nominal is 1.0, not the index"),
         ("nominal", True, "JumpModel.nominal is True, not the index"),
+        ("nominal", np.eye(3), r"JumpModel.nominal is array\(\[\[1., 0., 0.\], \[0., 1., 0.\]"),
         ("nominal", "straight", "JumpModel.nominal is 'straight', not the index"),
         ("names", ("a", "a"), r"JumpModel.names must be 2 different names, one a mode, got \('a', 'a'\)"),
         ("names", ("a", "b", "a"), "JumpModel.names must be 2 different names"),
         ("names", ("a",), "JumpModel.names must be 2 different names"),
         ("names", "ab", "JumpModel.names must be 2 different names, one a mode, got 'ab'"),
         ("names", (1, 2), "JumpModel.names must be 2 different names"),
+        ("names", None, "JumpModel.names must be 2 different names, one a mode, got None"),
+        ("names", "", "JumpModel.names must be 2 different names, one a mode, got ''"),
+        ("names", np.array(["a", "a"]), "JumpModel.names must be 2 different names"),
+        ("names", np.array([1, 2]), "JumpModel.names must be 2 different names"),
+        ("names", np.array("a"), "JumpModel.names must be 2 different names"),
+        ("transition", [["0.5", "0.5"], ["0.5", "0.5"]], "JumpModel.transition is not an array of numbers"),
     ],
 )
 def test_bad_input_is_named_in_one_line(field, value, words):
@@ -71,6 +81,12 @@ def test_probabilities_may_come_as_lists_and_sum_to_one_but_for_rounding():
     assert model.names == ("mode 1", "mode 2", "mode 3")
     assert (model.n, model.m) == (2, 2)
     assert model.nominal_mode is modes[0]
+
+
+@pytest.mark.parametrize("make", [tuple, list, np.array])
+def test_names_may_come_in_any_order_that_is_one(make):
+    assert dataclasses.replace(TWO.model, names=make(["straight", "turn"])).names == ("straight", "turn")
+    assert dataclasses.replace(TWO.model, names=make([])).names == ("mode 1", "mode 2")
 
 
 # Chi-square tests of independent draws. A fit is refused at a p-value below 1e-8, in fewer than 20 tests: a false alarm has

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from suite.jacobian import Dual, value_and_derivative
 from suite.linalg import apply, cholesky, factor, lower_triangular, solve_lower, square_root
 
 
@@ -61,21 +62,54 @@ def test_factor_keeps_rank():
 @pytest.mark.parametrize(
     ("cov", "words"),
     [
-        (np.ones((2, 3)), "square"),
-        (np.ones(3), "square"),
-        ([[1.0, 0.5], [0.4, 1.0]], "symmetric"),
-        ([[1.0, 2.0], [2.0, 1.0]], "semidefinite"),
-        ([[-1.0]], "semidefinite"),
-        ([[0.0, 1.0], [1.0, 1.0]], "semidefinite"),
-        ([[1e-20, 1e-9], [1e-9, 1.0]], "semidefinite"),
-        ([[1.0, 0.0], [0.0, -1e-14]], "semidefinite"),
-        ([[np.nan]], "finite"),
-        ([[np.inf]], "finite"),
+        (np.ones((2, 3)), r"covariance has shape \(2, 3\), it must be square"),
+        (np.ones(3), r"covariance has shape \(3,\), it must be a matrix"),
+        ([[1.0, 0.5], [0.4, 1.0]], r"covariance is not symmetric: \[0, 1\] is 0.5, \[1, 0\] is 0.4"),
+        ([[1e6, 5e-4], [-5e-4, 1e-6]], r"covariance is not symmetric: \[0, 1\] is 0.0005, \[1, 0\] is -0.0005"),
+        ([[1e6, 0.0], [1e-100, 0.0]], "covariance is not symmetric"),
+        ([[1.0, 2.0], [2.0, 1.0]], "covariance is not positive semidefinite"),
+        ([[-1.0]], r"covariance\[0, 0\] is -1.0, a negative variance"),
+        ([[0.0, 1.0], [1.0, 1.0]], "covariance is not positive semidefinite"),
+        ([[1e-20, 1e-9], [1e-9, 1.0]], "covariance is not positive semidefinite"),
+        ([[1.0, 0.0], [0.0, -1e-14]], r"covariance\[1, 1\] is -1e-14, a negative variance"),
+        ([[np.nan]], r"covariance\[0, 0\] is nan, not a finite number"),
+        ([[1.0, 0.0], [-np.inf, 1.0]], r"covariance\[1, 0\] is -inf, not a finite number"),
     ],
 )
 def test_factor_names_what_is_wrong(cov, words):
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match="^" + words):
         factor(np.array(cov))
+    with pytest.raises(ValueError, match="^" + words.replace("covariance", "Law.field")):
+        factor(np.array(cov), "Law.field")
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(semidefinite(), st.integers(0, 2**32 - 1), st.booleans())
+def test_symmetry_is_judged_against_the_two_variances_of_an_entry(cov, seed, gross):
+    """Whatever the size of the other variances: a difference of a millionth is an error, one of 1e-10 is rounding."""
+    rng = np.random.default_rng(seed)
+    n = len(cov)
+    i, j = rng.integers(0, n, 2)
+    if i == j:
+        return
+    i, j = sorted((int(i), int(j)))
+    scale = np.sqrt(cov[i, i] * cov[j, j])
+    uneven = cov.copy()
+    uneven[j, i] += (1e-6 if gross else 1e-10) * scale * rng.choice([-1, 1])
+    if gross and scale:
+        with pytest.raises(ValueError, match=rf"not symmetric: \[{i}, {j}\] is "):
+            factor(uneven)
+    else:
+        assert reproduces(factor(uneven), cov)
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(semidefinite(), st.integers(0, 5), st.floats(-12, 12))
+def test_a_negative_variance_is_named_however_small(cov, i, exponent):
+    i %= len(cov)
+    cov[i, i] = -(10.0**exponent)
+    with pytest.raises(ValueError, match=rf"covariance\[{i}, {i}\] is {cov[i, i]}, a negative variance".replace("+", r"\+")):
+        factor(cov)
 
 
 BAD = {
@@ -132,6 +166,30 @@ def test_apply_gives_each_column_the_same_bits_alone():
     whole = apply(matrix, x)
     for r in range(33):
         np.testing.assert_array_equal(apply(matrix, x[:, r : r + 1])[:, 0], whole[:, r])
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(st.integers(1, 4), st.integers(1, 4), st.integers(0, 2), st.integers(0, 2**32 - 1))
+def test_apply_is_differentiated_where_it_stands_in_an_expression(p, n, trailing, seed):
+    """y = sin(A x) (C x)² has the derivative cos(A x) (C x)² A + 2 sin(A x) (C x) C."""
+    rng = np.random.default_rng(seed)
+    A, C = (rng.integers(-1, 2, (p, n)) * rng.choice([1.0, 0.7], (p, n)) for _ in range(2))
+    x = rng.standard_normal((n, *range(2, 2 + trailing)))
+    value, found = value_and_derivative(lambda s: np.sin(apply(A, s)) * apply(C, s) ** 2, x)
+    a, c = apply(A, x)[:, None], apply(C, x)[:, None]
+    column = (p, n, *(1,) * trailing)
+    expected = np.cos(a) * c**2 * A.reshape(column) + 2 * np.sin(a) * c * C.reshape(column)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
+    np.testing.assert_array_equal(value, np.sin(a[:, 0]) * c[:, 0] ** 2)
+
+
+@pytest.mark.parametrize("shape", [(2, 3), (2,), (2, 2, 2)], ids=str)
+@pytest.mark.parametrize("make", [np.asarray, lambda x: Dual(x, {})], ids=["array", "dual"])
+def test_a_matrix_that_does_not_fit_is_named(shape, make):
+    if shape == (2, 3):
+        assert apply(np.ones(shape), make(np.ones((3, 1)))).shape == (2, 1)
+    with pytest.raises(ValueError, match=r"a matrix of shape \(.*\) does not fit a vector of 4 components"):
+        apply(np.ones(shape), make(np.ones((4, 1))))
 
 
 def test_factor_of_a_nearly_singular_covariance():
@@ -206,3 +264,12 @@ def test_a_singular_triangle_is_not_finite_and_its_neighbours_are_as_if_alone():
     assert not np.isfinite(z[1]).all()
     for r in (0, 2):
         np.testing.assert_array_equal(z[r], solve_lower(lower[r : r + 1], b[r : r + 1])[0])
+
+
+def test_a_square_root_of_next_to_nothing_is_one():
+    """Variances may be so small that the product of two of their inverses is too large for a number."""
+    cov = np.full((2, 3, 3), 5e-320)
+    cov[1] = np.eye(3)
+    root = square_root(cov)
+    np.testing.assert_allclose(root[0] @ root[0].T, cov[0], atol=1e-320)
+    np.testing.assert_array_equal(root[1], np.eye(3))
