@@ -15,13 +15,14 @@ from pathlib import Path
 import numpy as np
 from scipy.linalg import block_diag
 
+from suite.angles import wrap
 from suite.case import Case, Divergence, Equation, StateBlock, Truth
 from suite.columns import instant
 from suite.description import FIRST_FIX, MOTIONS, TIME, Description, describe
 from suite.errors import BadInput
 from suite.kinematics import Station, coordinated_turn, polynomial, stacked
 from suite.linalg import Array
-from suite.model import AdditiveSensor, AdditiveTransition, Affine, Sensor, StateSpaceModel, wrap
+from suite.model import AdditiveSensor, AdditiveTransition, Affine, Sensor, StateSpaceModel
 from suite.noise import Gaussian
 from suite.nonadditive import NonadditiveSensor
 from suite.random import Generators
