@@ -2,12 +2,22 @@
 
 from cases import (
     ballistic,
+    bearings_only,
+    coordinated_turn,
+    gamma_series,
+    high_dimensional,
     jump_linear,
     linear_gaussian,
+    lorenz,
     manoeuvre_detection,
     multistatic_radar,
     passive_multisensor,
+    phlab_turns,
+    plaza,
+    re_entry,
     ungm,
+    vehicle,
+    vincennes,
 )
 from suite.case import Case
 from suite.registry import Registry
@@ -16,10 +26,20 @@ MODULES = (
     linear_gaussian,
     jump_linear,
     ballistic,
+    vehicle,
     multistatic_radar,
     passive_multisensor,
     manoeuvre_detection,
     ungm,
+    bearings_only,
+    coordinated_turn,
+    gamma_series,
+    re_entry,
+    lorenz,
+    high_dimensional,
+    vincennes,
+    plaza,
+    phlab_turns,
 )
 
 CASES: Registry[Case] = Registry("case", [case for module in MODULES for case in module.CASES])

@@ -13,7 +13,7 @@ from typing import Any
 
 import cases
 from estimators import ESTIMATORS
-from suite import parameters, plan, results, score
+from suite import parameters, plan, recording, results, score
 from suite.arguments import parse
 from suite.errors import BadInput, near
 from suite.examination import examine, summary
@@ -47,6 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options = parse(arguments)
         options.command_line = shlex.join(["filterbench", *arguments])
+        if options.command in ("check", "run"):
+            _take_recordings(options)
         code = commands[options.command](options)
         sys.stdout.flush()
     except BadInput as error:
@@ -88,6 +90,13 @@ def _check(options: argparse.Namespace) -> int:
     if broken:
         _complain(f"rules are broken by {', '.join(broken)}")
     return TROUBLE if broken else DONE
+
+
+def _take_recordings(options: argparse.Namespace) -> None:
+    """Replace the TOML files among the cases by the names of the recordings they describe, loaded as plug-ins are."""
+    files = [pattern for pattern in options.case if pattern.endswith(".toml")]
+    options.plugin = [*options.plugin, *files]
+    options.case = [recording.name_of(p) if p in files else p for p in options.case]
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from cases import CASES
+from cases.ungm import TOOLBOX
+from cases.ungm import TUTORIAL as CASE
+from estimators.bootstrap import ESTIMATORS as BOOTSTRAP
+from suite import gaussian
 from tests.estimators.references import on_a_grid, takers, with_particles
 
-CASE = CASES["ungm"]
 RUNS = 300
 
 
@@ -99,3 +101,53 @@ def test_the_published_error_of_the_grid_filter_is_not_that_of_the_posterior_mea
     error, spread = np.sqrt(exact[1].mean()), exact[1].std(ddof=1) / np.sqrt(RUNS)
     assert abs(error - 4.65) < 5 * spread / (2 * error)
     assert error < 5
+
+
+def test_the_toolbox_counts_time_from_zero_and_has_noises_of_variance_one():
+    """The toolbox's program: 8 cos(1.2 (n - 1)) for n = 1 to 500, from 0.1."""
+    model = TOOLBOX.model
+    for x, k in [(0.1, 1), (-3.2, 7), (14.5, 500)]:
+        state = np.array([[x]])
+        expected = x / 2 + 25 * x / (1 + x**2) + 8 * np.cos(1.2 * (k - 1))
+        assert model.dynamics.mean(state, k)[0, 0] == pytest.approx(expected, rel=1e-14)
+        assert model.sensor.mean(state, k)[0, 0] == pytest.approx(x**2 / 20)
+    covs = (model.prior.cov, model.dynamics.noise.cov, model.sensor.noise.cov)
+    assert [float(cov[0, 0]) for cov in covs] == [1.0, 1.0, 1.0]
+    assert model.prior.mean[0] == 0.1
+    assert TOOLBOX.steps == 500
+    assert gaussian.differentiable(model) is None
+
+
+@pytest.fixture(scope="module")
+def toolbox():
+    """Some runs of the toolbox's variant, with the mean square error of each by the exact filter, on a grid."""
+    truth = TOOLBOX.simulate(60, seed=5)
+    mean, _, _ = on_a_grid(np.arange(-36, 36.01, 0.4), TOOLBOX.model, truth.y)
+    return truth, mean - truth.x[:, 0]
+
+
+def test_the_toolboxs_truth_starts_at_a_point(toolbox):
+    # 30 000 process noises, those of the first step from 0.1 exactly, and as many of measurements: mean, variance, correlation
+    # from step to step within 5 standard errors, and the first steps' variance: 7 figures, a false alarm below 1e-5.
+    x = toolbox[0].x[:, 0]
+    before = np.concatenate([np.full((1, 60), 0.1), x[:-1]])
+    w = x - (before / 2 + 25 * before / (1 + before**2) + 8 * np.cos(1.2 * np.arange(500))[:, None])
+    for white in (w, toolbox[0].y[:, 0] - x**2 / 20):
+        assert abs(white.mean()) < 5 / np.sqrt(white.size)
+        assert abs((white**2).mean() - 1) < 5 * np.sqrt(2 / white.size)
+        assert abs((white[1:] * white[:-1]).mean()) < 5 / np.sqrt(white.size)
+    assert abs((w[0] ** 2).mean() - 1) < 5 * np.sqrt(2 / 60)
+
+
+def test_the_toolboxs_bootstrap_filter_is_nearly_exact(toolbox):
+    # Paired over 20 runs: its excess over the posterior mean, whose square error is about 10, is not below zero by 5 standard
+    # errors, and small. Neither diverges.
+    truth, exact = toolbox
+    estimate = BOOTSTRAP[0].run(TOOLBOX.model, truth.y[..., :20], 1)
+    error = (estimate.mean - truth.x[..., :20])[:, 0]
+    excess = (error**2).mean(0) - (exact[:, :20] ** 2).mean(0)
+    assert -5 * excess.std(ddof=1) / np.sqrt(20) < excess.mean() < 1
+    for found in (exact, error):
+        over = np.abs(found) > TOOLBOX.divergence.limit
+        on_end = np.lib.stride_tricks.sliding_window_view(over, TOOLBOX.divergence.steps, axis=0).all(-1)
+        assert not on_end.any()
