@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from suite.case import Case, Divergence, Equation, StateBlock, draw
+from suite.case import FROM_ANOTHER, Case, Divergence, Equation, StateBlock, draw
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
@@ -75,5 +75,6 @@ CASES = (
         landmarks=(("observer", 0.0, 0.0),),
         model=MODEL,
         generate=functools.partial(draw, FROM_START, STEPS),
+        origin=FROM_ANOTHER,
     ),
 )

@@ -4,10 +4,11 @@ import functools
 
 import numpy as np
 
-from suite.case import Case, Divergence, Equation, Published, StateBlock, draw
+from suite.case import Case, Divergence, Equation, StateBlock, draw
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gamma, Gaussian
+from suite.published import Published
 
 # Symbols as in the paper.
 OMEGA, PHI1, PHI2, PHI3 = 0.04, 0.5, 0.2, 0.5

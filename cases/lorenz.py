@@ -4,10 +4,11 @@ import functools
 
 import numpy as np
 
-from suite.case import Case, Divergence, Equation, Published, StateBlock, draw
+from suite.case import Case, Divergence, Equation, StateBlock, draw
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
+from suite.published import Published
 
 SIGMA, RHO, BETA = 10.0, 28.0, 8.0 / 3.0
 DT = 0.01  # a step of the Runge-Kutta rule

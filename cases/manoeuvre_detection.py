@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from suite.case import Case, Divergence, Equation, StateBlock, Truth, measure
+from suite.case import GIVEN_TRACK, Case, Divergence, Equation, StateBlock, Truth, measure
 from suite.jump import JumpModel, Modes
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, Function, StateSpaceModel
@@ -261,6 +261,7 @@ def case(name: str, scene: Scene, words: str, start: Start, sources: tuple[str, 
         plane=(0, 2),
         model=model(scene),
         generate=functools.partial(sailed, scene, turns, start),
+        origin=GIVEN_TRACK,
     )  # fmt: skip
 
 

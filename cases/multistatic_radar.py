@@ -10,10 +10,11 @@ import numpy as np
 import pandas
 import pymap3d
 
-from suite.case import Case, Divergence, Equation, Published, StateBlock, Truth, measure
+from suite.case import GIVEN_TRACK, Case, Divergence, Equation, StateBlock, Truth, measure
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
+from suite.published import Published
 from suite.random import Generators
 
 DT = 1.0  # s
@@ -181,6 +182,7 @@ def recorded_flight(name: str, title: str, vertical: float, words: str, assumpti
         landmarks=tuple((name, east, north) for name, (east, north, _) in SITES.items()),
         model=assumed(vertical),
         generate=fly,
+        origin=GIVEN_TRACK,
         data=(FLIGHT,),
     )
 

@@ -4,7 +4,7 @@ import functools
 
 import numpy as np
 
-from suite.case import Case, Divergence, Equation, StateBlock, Truth, measure
+from suite.case import GIVEN_TRACK, Case, Divergence, Equation, StateBlock, Truth, measure
 from suite.jump import JumpModel
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
@@ -123,6 +123,7 @@ def case(name: str, sigma: float, words: str) -> Case:
         landmarks=tuple((f"station {i + 1}", float(x), float(y)) for i, (x, y) in enumerate(STATIONS)),
         model=model(sigma),
         generate=functools.partial(flown, sigma),
+        origin=GIVEN_TRACK,
     )
 
 

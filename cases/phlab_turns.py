@@ -9,7 +9,7 @@ import numpy as np
 import pandas
 
 from cases.multistatic_radar import DT, FLIGHT, STEPS, flight
-from suite.case import Case, Divergence, Equation, StateBlock, Truth, measure
+from suite.case import GIVEN_TRACK, Case, Divergence, Equation, StateBlock, Truth, measure
 from suite.jump import JumpModel, Modes
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
@@ -127,6 +127,7 @@ CASES = (
         plane=(0, 1),
         model=MODEL,
         generate=flown,
+        origin=GIVEN_TRACK,
         data=(FLIGHT,),
     ),
 )

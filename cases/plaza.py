@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas
 
-from suite.case import Case, Divergence, Equation, StateBlock, Truth
+from suite.case import RECORDED, Case, Divergence, Equation, StateBlock, Truth
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
@@ -154,6 +154,7 @@ def case(name: str, drive: Drive, scale: float, words: str, told: str) -> Case:
         landmarks=tuple((f"beacon {b}", east, north) for b, (east, north) in zip(BEACONS, drive.beacons, strict=True)),
         model=assumed(drive, scale, sigma),
         generate=functools.partial(driven, drive),
+        origin=RECORDED,
         data=(drive.ranges, drive.track),
     )
 

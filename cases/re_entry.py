@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from suite.case import Case, Divergence, Equation, Published, StateBlock, draw
+from suite.case import FROM_ANOTHER, Case, Divergence, Equation, StateBlock, draw
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian
+from suite.published import Published
 
 # Symbols as in the reference. State (x, y, vx, vy, x5) in km, km, km/s, km/s and no unit.
 DT = 0.1  # s, time between measurements, and of Euler's rule
@@ -113,5 +114,6 @@ CASES = (
         landmarks=(("radar", R0, 0.0),),
         model=MODEL,
         generate=functools.partial(draw, REALITY, STEPS),
+        origin=FROM_ANOTHER,
     ),
 )  # fmt: skip

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from suite.case import Case, Divergence, Equation, Published, StateBlock, draw
+from suite.case import FROM_ANOTHER, Case, Divergence, Equation, StateBlock, draw
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian
+from suite.published import Published
 
 STEPS = 100
 TOOLBOX_STEPS = 500
@@ -119,6 +120,7 @@ TOOLBOX = replace(
     ),
     model=TOOLBOX_MODEL,
     generate=functools.partial(draw, FROM_START, TOOLBOX_STEPS),
+    origin=FROM_ANOTHER,
 )
 
 CASES = (TUTORIAL, TOOLBOX)

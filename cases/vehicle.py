@@ -4,10 +4,11 @@ import functools
 
 import numpy as np
 
-from suite.case import Case, Divergence, Equation, Published, StateBlock, draw
+from suite.case import Case, Divergence, Equation, StateBlock, draw
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
+from suite.published import Published
 
 # Symbols as in the paper. State x = (e, n, v, θ): east and north in m, speed in m/s, heading in rad from east towards north.
 T = 0.5  # s, sampling period

@@ -10,7 +10,7 @@ import numpy as np
 import pandas
 import pymap3d
 
-from suite.case import Case, Divergence, Equation, StateBlock, Truth
+from suite.case import RECORDED, Case, Divergence, Equation, StateBlock, Truth
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
@@ -135,6 +135,7 @@ CASES = (
         plane=(0, 1),
         model=MODEL,
         generate=driven,
+        origin=RECORDED,
         data=(FIXES, REFERENCE),
     ),
 )

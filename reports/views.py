@@ -15,6 +15,8 @@ from suite.statistics import LEVEL
 
 Key = tuple[str, str]
 """A metric and a block."""
+SHOWN = [METRICS[name] for name in METRICS if name not in ("mean-error", "maximum-error", "mse", "run-rmse", "run-rmse-sd")]
+"""Metrics of the pages' tables; the others measure as one paper or the other does, and serve to compare with it."""
 PERCENT = f"{100 * LEVEL:g} %"
 
 
@@ -95,7 +97,7 @@ def private(case: CaseResults) -> CaseResults:
 
 def view(case: CaseResults, labels: Sequence[str]) -> CaseView:
     """What the pages show of a case, for the estimators `labels`."""
-    ranked = standings(case, list(METRICS.values()))
+    ranked = standings(case, SHOWN)
     cells = {label: _cell(case.cells.get(label), label) for label in labels}
     keys = _keys(case, cells)
     for key in keys:
@@ -130,7 +132,7 @@ def _cell(cell: Cell | None, label: str) -> CellView:
         state["lost"],
         state["failed"],
         len(cell.runs),
-        _scores(cell, METRICS.values()),
+        _scores(cell, SHOWN),
         {},
         failures,
         cell.meta,

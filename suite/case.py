@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from suite.errors import BadInput
 from suite.jump import JumpModel, Model, Modes, simulated
 from suite.linalg import Array
 from suite.model import Sensor
+from suite.published import Experiment, Published
 from suite.random import Generators, Streams
 
 
@@ -44,15 +46,19 @@ class Divergence:
 
 
 @dataclass(frozen=True)
-class Published:
-    """A figure printed in a paper, with the place where it stands and what is known of its conditions."""
+class Region:
+    """Part of the ground plane: the inside of the polygon with these corners, in the unit of the plane."""
 
-    estimator: str
-    quantity: str
-    value: float
-    unit: str
-    where: str
-    note: str = ""
+    name: str
+    corners: tuple[tuple[float, float], ...]
+
+    def holds(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """Whether points x[...], y[...] lie inside: a ray from there crosses the sides an odd number of times."""
+        inside = np.zeros(np.shape(x), bool)
+        for (ax, ay), (bx, by) in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
+            if ay != by:
+                inside ^= ((ay > y) != (by > y)) & (x < ax + (bx - ax) * (y - ay) / (by - ay))
+        return inside
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,14 @@ class Equation:
 
     words: str
     latex: str
+
+
+FROM_MODEL = "drawn from the model"
+FROM_ANOTHER = "drawn from another model than the filters are told"
+GIVEN_TRACK = "a given track, its measurements drawn"
+RECORDED = "recorded, measurements included"
+ORIGINS = (FROM_MODEL, FROM_ANOTHER, GIVEN_TRACK, RECORDED)
+"""Where a truth comes from: of the first alone a bound is one; runs of the last are all of the same data."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +109,15 @@ class Card:
     landmarks: tuple[tuple[str, float, float], ...] = ()
     modes: tuple[str, ...] = ()
     nominal: str = ""
+    origin: str = FROM_MODEL
+    times: tuple[float, ...] = ()
+    regions: tuple[Region, ...] = ()
+    experiment: Experiment | None = None
+
+    @property
+    def time(self) -> Array:
+        """Times [T] of the steps in seconds."""
+        return np.asarray(self.times or [self.interval * k for k in range(1, self.steps + 1)], float)
 
     def block(self, name: str) -> StateBlock:
         """The state block of that name."""
@@ -117,6 +140,10 @@ class Card:
         made["published"] = tuple(Published(**p) for p in data["published"])
         made["plane"] = tuple(data["plane"]) if data["plane"] else None
         made["landmarks"] = tuple((n, x, y) for n, x, y in data["landmarks"])
+        made["times"] = tuple(data.get("times", ()))
+        made["regions"] = tuple(Region(r["name"], tuple((x, y) for x, y in r["corners"])) for r in data.get("regions", ()))
+        ran = data.get("experiment")
+        made["experiment"] = Experiment(ran["runs"], tuple(ran["estimators"])) if ran else None
         return Card(**made)
 
 
@@ -125,8 +152,10 @@ class Case(Card):
     """A problem of the bench: its card, the `model` that filters are told, and `generate`, what really happens.
 
     generate takes the generators of a batch of runs and returns their Truth; it may differ from the model. `data`
-    names the files it reads. interval is the time between steps in seconds; plane, the two state components to draw
-    on the ground; landmarks, named points on that plane. modes and nominal follow from a model that has several modes.
+    names the files it reads. interval is the time between steps in seconds, the usual one where `times` gives that of each
+    step; plane, the two state components to draw on the ground; landmarks and regions, named points and parts of that plane.
+    origin, one of `ORIGINS`, says where truths come from; experiment, what the paper of the case ran. modes and nominal follow
+    from a model that has several modes.
     """
 
     model: Model
@@ -145,6 +174,12 @@ class Case(Card):
         if isinstance(self.model, JumpModel):
             object.__setattr__(self, "modes", self.model.names)
             object.__setattr__(self, "nominal", self.model.names[self.model.nominal])
+        if self.origin not in ORIGINS:
+            raise ValueError(f"case {self.name}: origin {self.origin!r} is none of {', '.join(map(repr, ORIGINS))}")
+        if self.times and (len(self.times) != self.steps or np.any(np.diff(self.times) <= 0)):
+            raise ValueError(f"case {self.name}: times must be {self.steps} numbers that increase")
+        if self.regions and self.plane is None:
+            raise ValueError(f"case {self.name}: regions need the plane on which they lie")
         if self.steps < 1:
             raise ValueError(f"case {self.name}: steps must be at least 1, got {self.steps}")
 

@@ -101,18 +101,21 @@ def _take_recordings(options: argparse.Namespace) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     known = load_catalog(options.plugin)
-    estimators, chosen = known.estimators.select(options.estimator), known.cases.select(options.case)
+    profile = plan.PROFILES[options.profile]
+    chosen = {
+        case: known.estimators.select(options.estimator) if options.estimator else profile.estimators_of(case, known.estimators)
+        for case in known.cases.select(options.case)
+    }
     store = Store(options.results, create=True) if not options.dry_run else _store_if_any(options.results)
     entries, damages = store.scan() if store else ([], [])
     if store and not options.dry_run:
         store.sweep()
         for damage in damages:
             _complain(f"set aside {damage.path}: {damage.reason}; it is now {store.set_aside(damage)}")
-    profile = plan.PROFILES[options.profile]
     runs_of = (lambda _: options.runs) if options.runs else profile.runs_of
     size = options.block or profile.block
-    planned = plan.make(known, estimators, chosen, runs_of, options.seed, size, entries, options.retry_failed)
-    _announce(planned, len(estimators), [runs_of(case) for case in chosen], options)
+    planned = plan.make(known, chosen, runs_of, options.seed, size, entries, options.retry_failed)
+    _announce(planned, [len(e) for e in chosen.values()], [runs_of(case) for case in chosen], options)
     if options.dry_run:
         for damage in damages:
             _complain(f"would set aside {damage.path}: {damage.reason}")
@@ -132,10 +135,10 @@ def _store_if_any(folder: str) -> Store | None:
     return None if not path.exists() or (path.is_dir() and not any(path.iterdir())) else Store(path)
 
 
-def _announce(planned: plan.Plan, estimators: int, runs: Sequence[int], options: argparse.Namespace) -> None:
-    each = " to ".join(map(str, sorted({min(runs), max(runs)})))
+def _announce(planned: plan.Plan, estimators: Sequence[int], runs: Sequence[int], options: argparse.Namespace) -> None:
+    each, columns = (" to ".join(map(str, sorted({min(n), max(n)}))) for n in (runs, estimators))
     print(
-        f"{planned.cells} cells ({estimators} estimators x {len(runs)} cases, {planned.refused} refused), {each} runs each, "
+        f"{planned.cells} cells ({columns} estimators x {len(runs)} cases, {planned.refused} refused), {each} runs each, "
         f"seed {options.seed}: {len(planned.blocks)} blocks to run, {planned.stored} stored already in {options.results}"
     )
     if planned.stored_failures:

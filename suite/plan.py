@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ from suite.case import Case
 from suite.errors import BadInput, one_line
 from suite.estimator import Estimator, told
 from suite.provenance import fingerprint
-from suite.registry import Catalog
+from suite.registry import Catalog, Registry
 from suite.store import Entry
 
 TRUTH, ESTIMATE, TIMING, REFUSAL = "truth", "estimate", "timing", "refusal"
@@ -20,20 +20,32 @@ ENGINE = "suite.work"
 
 @dataclass(frozen=True)
 class Profile:
-    """How much to compute: runs of each cell, fewer on long cases down to `fewest`, and runs in a block of work."""
+    """How much to compute: runs of each cell, fewer on long cases down to `fewest`, and runs in a block of work.
+
+    as_published: on a case with an experiment, run that one instead, with its runs and its estimators.
+    """
 
     name: str
     runs: int
     fewest: int
     block: int
+    as_published: bool = False
 
     def runs_of(self, case: Case) -> int:
         """Runs of each cell of a case: from STEPS steps on fewer, in proportion."""
+        if self.as_published and case.experiment:
+            return case.experiment.runs
         return max(self.fewest, min(self.runs, self.runs * STEPS // case.steps))
+
+    def estimators_of(self, case: Case, known: Registry[Estimator]) -> list[Estimator]:
+        """Estimators to run on a case when none are named."""
+        return known.select(case.experiment.estimators if self.as_published and case.experiment else ())
 
 
 STEPS = 100
-PROFILES = {p.name: p for p in (Profile("quick", 12, fewest=4, block=6), Profile("paper", 100, fewest=100, block=20))}
+PROFILES = {
+    p.name: p for p in (Profile("quick", 12, fewest=4, block=6), Profile("paper", 100, fewest=100, block=10, as_published=True))
+}
 
 
 @dataclass(frozen=True)
@@ -70,19 +82,18 @@ class Plan:
 
 def make(
     catalog: Catalog,
-    estimators: Sequence[Estimator],
-    cases: Sequence[Case],
+    cases: Mapping[Case, Sequence[Estimator]],
     runs: Callable[[Case], int],
     seed: int,
     size: int,
     entries: Iterable[Entry],
     retry_failed: bool = False,
 ) -> Plan:
-    """Plan runs(case) runs of all combinations in blocks of `size`, leaving out what the store's entries hold."""
+    """Plan runs(case) runs of each case's estimators in blocks of `size`, leaving out what the store's entries hold."""
     held = _Held(entries, retry_failed)
     blocks: list[WorkBlock] = []
     refused = 0
-    for case in cases:
+    for case, estimators in cases.items():
         truth = version(TRUTH, catalog, case, None, seed)
         blocks += _missing(TRUTH, case, None, seed, truth, truth, runs(case), size, held)
         for estimator in estimators:
@@ -98,7 +109,7 @@ def make(
     # Truth first, since all else refers to it; timing last, when nothing else runs beside it.
     order = {TRUTH: 0, REFUSAL: 0, ESTIMATE: 1, TIMING: 2}
     blocks.sort(key=lambda b: order[b.kind])
-    return Plan(tuple(blocks), held.used, held.failures, len(cases) * len(estimators), refused)
+    return Plan(tuple(blocks), held.used, held.failures, sum(map(len, cases.values())), refused)
 
 
 def _refusal(estimator: Estimator, case: Case) -> str | None:

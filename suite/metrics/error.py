@@ -4,7 +4,9 @@ import numpy as np
 
 from suite.case import Card, Truth
 from suite.estimator import Estimate
+from suite.linalg import Array
 from suite.metrics.metric import Contributions, Metric
+from suite.statistics import weighted_mean
 
 
 def squared_error(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
@@ -17,6 +19,40 @@ def norm_of_error(case: Card, truth: Truth, estimate: Estimate) -> Contributions
     """Norm of the error of the whole state over the square root of its dimension [T, R]."""
     error = estimate.mean - truth.x
     return {"state": np.sqrt((error**2).mean(1))}
+
+
+def of_runs(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+    """Root mean square error over time of each run, by state block [1, R]."""
+    squared = squared_error(case, truth, estimate)
+    return {block: np.sqrt(weighted_mean(values.T, np.ones((1, len(values)))).T) for block, values in squared.items()}
+
+
+def moments_of_runs(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+    """Root mean square error over time of each run, and its square, by state block [2, R]."""
+    return {block: np.concat([values, values**2]) for block, values in of_runs(case, truth, estimate).items()}
+
+
+def standard_deviation(moments: Array) -> Array:
+    """Standard deviation [1, B] from the first two moments [2, B]."""
+    return np.asarray(np.sqrt(np.maximum(moments[1:] - moments[:1] ** 2, 0.0)))
+
+
+def euclidean(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+    """Euclidean error of each state block [T, R]; with regions also of the steps inside and outside each, else NaN."""
+    found = {block: np.sqrt(values) for block, values in squared_error(case, truth, estimate).items()}
+    for region in case.regions:
+        assert case.plane is not None
+        inside = region.holds(*(truth.x[:, axis] for axis in case.plane))
+        for where, chosen in ((f"inside {region.name}", inside), (f"outside {region.name}", ~inside)):
+            found |= {f"{b.name}, {where}": np.where(chosen, found[b.name], np.nan) for b in case.blocks}
+    return found
+
+
+def largest(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+    """Largest Euclidean error over time of each run, by state block and region [1, R]."""
+    return {
+        block: np.fmax.reduce(values, axis=0)[None] for block, values in euclidean(case, truth, estimate).items() if len(values)
+    }
 
 
 RMSE = Metric(
@@ -43,4 +79,57 @@ ETA = Metric(
     reference="Velozo and Souza, comparison of particle filter and UKF for a land vehicle (in Portuguese), eq. (29)",
     fn=norm_of_error,
 )
-METRICS = (RMSE, ETA)
+MEAN_ERROR = Metric(
+    name="mean-error",
+    title="Mean error",
+    unit="block",
+    better="lower",
+    formula=r"\frac{1}{R\,T} \sum_{r=1}^{R} \sum_{k=1}^{T} \left\| \hat x_{b,k}^{(r)} - x_{b,k}^{(r)} \right\|",
+    words="Mean over runs and time of the Euclidean error of a block of the state; with regions also over the steps at which "
+    "the truth is inside, or outside, of each.",
+    reference="M. Benko, P. Kulmon, Aplikácia časticových filtrov na merania multistatického radaru (in Slovak), table 1",
+    fn=euclidean,
+)
+MAXIMUM_ERROR = Metric(
+    name="maximum-error",
+    title="Maximum error",
+    unit="block",
+    better="lower",
+    formula=r"\frac{1}{R} \sum_{r=1}^{R} \max_k \left\| \hat x_{b,k}^{(r)} - x_{b,k}^{(r)} \right\|",
+    words="Largest Euclidean error of a run over time, the mean over runs; with regions also inside and outside of each.",
+    reference=MEAN_ERROR.reference,
+    fn=largest,
+)
+MSE = Metric(
+    name="mse",
+    title="Mean square error",
+    unit="block, squared",
+    better="lower",
+    formula=r"\frac{1}{R\,T} \sum_{r=1}^{R} \sum_{k=1}^{T} \left\| \hat x_{b,k}^{(r)} - x_{b,k}^{(r)} \right\|^2",
+    words="Mean over runs and time of the squared Euclidean error of a block of the state: a few bad runs decide it.",
+    reference="J. Hartikainen, A. Solin, S. Särkkä, Optimal filtering with Kalman filters and smoothers, 2011",
+    fn=squared_error,
+)
+RUN_RMSE = Metric(
+    name="run-rmse",
+    title="RMSE of a run",
+    unit="block",
+    better="lower",
+    formula=r"\mu_b = \frac{1}{R} \sum_{r=1}^{R} \sqrt{ \frac{1}{T} \sum_{k=1}^{T} "
+    r"\left\| \hat x_{b,k}^{(r)} - x_{b,k}^{(r)} \right\|^2 }",
+    words="Root mean square over time of a run's Euclidean error, the mean over runs.",
+    reference="Liu, Song, Huang, IMM particle filter with uniform resampling (in Chinese), eqs (20)-(21)",
+    fn=of_runs,
+)
+RUN_RMSE_SD = Metric(
+    name="run-rmse-sd",
+    title="Spread of the RMSE of runs",
+    unit="block",
+    better="lower",
+    formula=r"\sigma_b = \sqrt{ \frac{1}{R} \sum_{r=1}^{R} \left( \mathrm{RMSE}_b^{(r)} - \mu_b \right)^2 }",
+    words="Standard deviation over runs of a run's root mean square error over time.",
+    reference="Liu, Song, Huang, IMM particle filter with uniform resampling (in Chinese), eq. (22)",
+    fn=moments_of_runs,
+    link=standard_deviation,
+)
+METRICS = (RMSE, ETA, MEAN_ERROR, MAXIMUM_ERROR, MSE, RUN_RMSE, RUN_RMSE_SD)

@@ -34,8 +34,8 @@ class Score:
 class Metric:
     """A figure of merit: the mean over time of link(mean over runs of a run's contributions).
 
-    unit: the unit, or 'block' for the unit of the state block. better: 'lower', 'higher', or the value to be hit.
-    formula: LaTeX. timed: whether it looks at running times, measured apart, rather than at errors.
+    unit: the unit, or 'block' for the unit of the state block, or 'block, squared'. better: 'lower', 'higher', or the value to
+    be hit. formula: LaTeX. timed: whether it looks at running times, measured apart, rather than at errors.
     Values are never negative. fn(case, truth, estimate) gives the contributions of all runs; runs that failed are left out
     afterwards.
     """
@@ -70,7 +70,10 @@ class Metric:
 
     def unit_of(self, case: Card, block: str) -> str:
         """The unit of the score of a block."""
-        return case.block(block).unit if self.unit == "block" else self.unit
+        if not self.unit.startswith("block"):
+            return self.unit
+        unit = case.block(block.partition(", ")[0]).unit
+        return f"({unit})²" if unit and self.unit != "block" else unit
 
     def score(self, contributions: Array, unit: str, total: int) -> Score:
         """Value and interval from the contributions [T, R] of the runs that count, out of `total`."""

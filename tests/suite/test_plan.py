@@ -7,8 +7,9 @@ import pytest
 
 import cases
 from estimators import ESTIMATORS
-from suite import plan, provenance
+from suite import parameters, plan, provenance
 from suite.errors import BadInput
+from suite.published import Experiment
 from suite.registry import catalog
 from suite.store import Entry
 
@@ -24,7 +25,13 @@ def known():
 def make(known):
     def make(names, runs=4, size=2, seed=1, entries=(), retry=False, chosen=("tiny",)):
         return plan.make(
-            known, known.estimators.select(names), known.cases.select(chosen), lambda case: runs, seed, size, entries, retry
+            known,
+            dict.fromkeys(known.cases.select(chosen), known.estimators.select(names)),
+            lambda case: runs,
+            seed,
+            size,
+            entries,
+            retry,
         )
 
     return make
@@ -47,6 +54,17 @@ def test_blocks_cover_all_runs_once(make):
         assert spans(planned, plan.TIMING) == [(0, 1)]
 
 
+def test_the_paper_profile_runs_the_experiment_of_a_case(known):
+    ran = Experiment(runs=7, estimators=("kalman", "boot*[particles=5]"))
+    plain = known.cases["linear-gaussian"]
+    case = dataclasses.replace(plain, experiment=ran)
+    quick, paper = (plan.PROFILES[name] for name in ("quick", "paper"))
+    assert (paper.runs_of(case), paper.runs_of(plain), quick.runs_of(case)) == (7, 100, 12)
+    assert [parameters.label(e) for e in paper.estimators_of(case, known.estimators)] == ["kalman", "bootstrap[particles=5]"]
+    for profile, given in ((paper, plain), (quick, case)):
+        assert profile.estimators_of(given, known.estimators) == list(known.estimators.values())
+
+
 def test_long_cases_get_fewer_runs_in_the_quick_profile(known):
     """As many run-steps as 12 runs of 100 steps, but no fewer than four runs; the paper profile knows no such thing."""
     case = known.cases["linear-gaussian"]
@@ -54,7 +72,7 @@ def test_long_cases_get_fewer_runs_in_the_quick_profile(known):
     quick, paper = ({s: plan.PROFILES[name].runs_of(c) for s, c in long.items()} for name in ("quick", "paper"))
     assert quick == {1: 12, 40: 12, 100: 12, 150: 8, 299: 4, 400: 4, 10_000: 4}
     assert set(paper.values()) == {100}
-    known_to_few = plan.make(known, [], [long[400], case], plan.PROFILES["quick"].runs_of, 1, 6, ())
+    known_to_few = plan.make(known, {long[400]: (), case: ()}, plan.PROFILES["quick"].runs_of, 1, 6, ())
     assert [(b.case, b.count) for b in known_to_few.blocks] == [("linear-gaussian", 4), *[("linear-gaussian", 6)] * 2]
 
 
@@ -124,7 +142,7 @@ def test_accepts_that_does_not_say(known, answer, words):
             return answer
 
     with pytest.raises(BadInput, match=words):
-        plan.make(known, [Vague()], known.cases.select(["tiny"]), lambda _: 1, 1, 1, [])
+        plan.make(known, {known.cases["tiny"]: [Vague()]}, lambda _: 1, 1, 1, [])
 
 
 # What an address depends on.
@@ -202,7 +220,7 @@ def test_a_data_file_changes_the_addresses_of_its_case(known, tmp_path):
     def planned(text):
         data.write_text(text)
         provenance.fingerprint.cache_clear()
-        return {b.address for b in plan.make(known, estimators, [case], lambda _: 2, 1, 2, []).blocks}
+        return {b.address for b in plan.make(known, {case: estimators}, lambda _: 2, 1, 2, []).blocks}
 
     assert planned("1,2") == planned("1,2")
     assert planned("1,2").isdisjoint(planned("1,3"))
@@ -213,5 +231,5 @@ def test_more_entries_change_no_address(make, tmp_path):
     more.write_text("from estimators.kalman import Kalman\nclass More(Kalman):\n    name = 'more'\nESTIMATORS = (More(),)\n")
     before = make(["kalman", "last"])
     wide = catalog(ESTIMATORS, cases.MODULES).with_plugins([TINY, str(more)])
-    after = plan.make(wide, wide.estimators.select(["*"]), wide.cases.select(["tiny"]), lambda _: 4, 1, 2, [])
+    after = plan.make(wide, {wide.cases["tiny"]: wide.estimators.select(["*"])}, lambda _: 4, 1, 2, [])
     assert {b.address for b in before.blocks} < {b.address for b in after.blocks}
