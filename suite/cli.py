@@ -168,7 +168,8 @@ def _conclude(outcome: Outcome, known: Catalog, options: argparse.Namespace) -> 
         tally.setdefault(culprit, []).append((failed, total))
         reason = next((r.reason for r in [*counted, *reports] if r.failed), "")
         if reason:
-            what = f"{failed} of {total} runs failed or were lost" if failed else "it could not be timed"
+            other = "it could not be timed" if estimator else "its bounds could not be computed"
+            what = f"{failed} of {total} runs failed or were lost" if failed else other
             source = f" (plug-in {known.plugins[culprit]})" if culprit in known.plugins else ""
             _complain(f"{estimator or 'simulation'} on {case}{source}: {what}; {reason}")
     print(f"{len(outcome.reports)} blocks finished; `filterbench score --results {options.results}` shows the scores")

@@ -14,7 +14,7 @@ from suite.provenance import fingerprint
 from suite.registry import Catalog, Registry
 from suite.store import Entry
 
-TRUTH, ESTIMATE, TIMING, REFUSAL = "truth", "estimate", "timing", "refusal"
+TRUTH, BOUND, ESTIMATE, TIMING, REFUSAL = "truth", "bound", "estimate", "timing", "refusal"
 ENGINE = "suite.work"
 
 
@@ -50,7 +50,7 @@ PROFILES = {
 
 @dataclass(frozen=True)
 class WorkBlock:
-    """Runs first..first+count-1 of one estimator on one case (no estimator: the truth itself), with its identity."""
+    """Runs first..first+count-1 of one estimator on one case (no estimator: the truth, or its bound), with its identity."""
 
     kind: str
     case: str
@@ -96,6 +96,7 @@ def make(
     for case, estimators in cases.items():
         truth = version(TRUTH, catalog, case, None, seed)
         blocks += _missing(TRUTH, case, None, seed, truth, truth, runs(case), size, held)
+        blocks += _missing(BOUND, case, None, seed, version(BOUND, catalog, case, None, seed), truth, 1, 1, held)
         for estimator in estimators:
             reason = _refusal(estimator, case)
             kind = REFUSAL if reason else ESTIMATE
@@ -107,7 +108,7 @@ def make(
                 timing = version(TIMING, catalog, case, estimator, seed)
                 blocks += _missing(TIMING, case, estimator, seed, timing, truth, 1, 1, held)
     # Truth first, since all else refers to it; timing last, when nothing else runs beside it.
-    order = {TRUTH: 0, REFUSAL: 0, ESTIMATE: 1, TIMING: 2}
+    order = {TRUTH: 0, REFUSAL: 0, BOUND: 1, ESTIMATE: 1, TIMING: 2}
     blocks.sort(key=lambda b: order[b.kind])
     return Plan(tuple(blocks), held.used, held.failures, sum(map(len, cases.values())), refused)
 
@@ -167,7 +168,8 @@ def _missing(
 
 def version(kind: str, catalog: Catalog, case: Case, estimator: Estimator | None, seed: int) -> str:
     """What identifies the blocks of a cell: a hash of sources, data files, parameters and seed, but not of runs."""
-    parts: list[Any] = [kind, case.name, fingerprint(catalog.modules[case.name], "suite.case", data=case.data), seed]
+    engine = "suite.case_bounds" if kind == BOUND else "suite.case"
+    parts: list[Any] = [kind, case.name, fingerprint(catalog.modules[case.name], engine, data=case.data), seed]
     if estimator is not None:
         sources = fingerprint(type(estimator).__module__, ENGINE)
         parts += [estimator.name, {k: str(v) for k, v in parameters.values(estimator).items()}, sources]

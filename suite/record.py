@@ -1,7 +1,7 @@
 """What is stored of a block: its columns, and what its file says of where it came from."""
 
 import datetime
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,9 +9,10 @@ import numpy as np
 
 from suite import parameters, provenance
 from suite.case import Truth
+from suite.case_bounds import BlockBound
 from suite.estimator import FAILED, OK, TRACES, VECTORS, told, unavailable
 from suite.linalg import Array
-from suite.plan import TIMING, TRUTH, WorkBlock
+from suite.plan import BOUND, TIMING, TRUTH, WorkBlock
 from suite.registry import Catalog
 from suite.store import Store, constant, texts, vectors
 from suite.work import Done, Timing
@@ -40,6 +41,21 @@ class Recorder:
         if truth.mode is not None:
             columns["true_mode"] = np.ascontiguousarray(truth.mode.T, np.int32).ravel()
         self._write_runs(block, columns, len(truth.x), {})
+        return Report(block)
+
+    def bounds(self, block: WorkBlock, bounds: Sequence[BlockBound]) -> Report:
+        """Store the bounds of a case; their number stands in the column `run`."""
+        steps, n, _ = bounds[0].cov.shape
+        rows, cols = np.tril_indices(n)
+        columns = {
+            "run": np.repeat(np.arange(len(bounds), dtype=np.int32), steps),
+            "step": np.tile(np.arange(1, steps + 1, dtype=np.int32), len(bounds)),
+            "cov": vectors(np.concat([each.cov[:, rows, cols] for each in bounds])),
+            "bound": vectors(np.concat([each.value for each in bounds])),
+            "bound_error": vectors(np.concat([each.error for each in bounds])),
+        }
+        said = [{"kind": each.kind, "reason": each.reason} for each in bounds]
+        self._write(block, columns, steps * len(bounds), {"bounds": said})
         return Report(block)
 
     def estimate(self, block: WorkBlock, done: Done) -> Report:
@@ -93,7 +109,7 @@ class Recorder:
 
     def failure(self, block: WorkBlock, reason: str) -> Report:
         """Store a block whose worker did not come back, as failed."""
-        if block.kind == TRUTH:
+        if block.kind in (TRUTH, BOUND):
             return Report(block, block.count, reason)  # nothing to store; each estimator of the case will say so itself
         if block.kind == TIMING:
             return self.timing(block, Timing(np.full((1, 1), np.nan), (1,), FAILED, reason))

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from suite.case import Card, Truth
+from suite.case_bounds import BlockBound
 from suite.errors import BadInput
 from suite.estimator import TRACES, VECTORS, Estimate, alike, join
 from suite.linalg import Array
 from suite.metrics import Metric, Score
 from suite.metrics.metric import Contributions
-from suite.plan import ESTIMATE, REFUSAL, TIMING, TRUTH
+from suite.plan import BOUND, ESTIMATE, REFUSAL, TIMING, TRUTH
 from suite.store import Damage, Entry, Store, read
 
 _NO_TRUTH = Truth(np.empty((0, 0, 0)), np.empty((0, 0, 0)))
@@ -106,6 +107,12 @@ class CaseResults:
     seed: int
     truths: list[Entry]
     cells: dict[str, Cell] = field(default_factory=dict)
+    bound: Entry | None = None
+
+    @functools.cached_property
+    def bounds(self) -> list[BlockBound]:
+        """The bounds on the error of each state block, of every kind there is."""
+        return _read_bounds(self.bound, self.card) if self.bound else []
 
     @functools.cached_property
     def truth_of(self) -> dict[int, Truth]:
@@ -163,9 +170,10 @@ def load(
         mine = [e for e in current if e.meta["case"]["name"] == name]
         truth = [e for e in mine if e.meta["kind"] == TRUTH]
         case = CaseResults(Card.from_dict(mine[-1].meta["case"]), mine[-1].meta["seed"], truth)
+        case.bound = next((e for e in reversed(mine) if e.meta["kind"] == BOUND), None)
         _fill(case, mine, estimator_order)
         cases[name] = case
-    used = sum(len(c.truths) + sum(_size(cell) for cell in c.cells.values()) for c in cases.values())
+    used = sum(len(c.truths) + (c.bound is not None) + sum(_size(cell) for cell in c.cells.values()) for c in cases.values())
     return Results(Path(folder), cases, entries, len(entries) - used, damages)
 
 
@@ -225,6 +233,16 @@ def _read_estimate(entry: Entry, card: Card) -> Estimate:
     for name in VECTORS:
         parts[name] = None if columns[name] is None else _steps(columns[name], runs)
     return Estimate(_steps(columns["mean"], runs), cov, **parts)
+
+
+def _read_bounds(entry: Entry, card: Card) -> list[BlockBound]:
+    columns = read(entry.path, ["cov", "bound", "bound_error"])
+    said, n = entry.meta["bounds"], len(card.state)
+    value, error, lower = (columns[name].reshape(len(said), card.steps, -1) for name in ("bound", "bound_error", "cov"))
+    cov = np.empty((len(said), card.steps, n, n))
+    rows, cols = np.tril_indices(n)
+    cov[:, :, rows, cols] = cov[:, :, cols, rows] = lower
+    return [BlockBound(s["kind"], s["reason"], *parts) for s, *parts in zip(said, value, error, cov, strict=True)]
 
 
 def _read_timing(entry: Entry) -> Estimate:

@@ -42,6 +42,8 @@ SCHEMA = pa.schema(
         "true_mode": pa.int32(),
         "mean": _VECTOR,
         "cov": _VECTOR,
+        "bound": _VECTOR,
+        "bound_error": _VECTOR,
         "loglik": pa.float64(),
         "ess": pa.float64(),
         "ancestors": pa.float64(),

@@ -11,8 +11,9 @@ from multiprocessing.connection import wait
 
 from threadpoolctl import threadpool_limits
 
+from suite.case_bounds import bounds_of
 from suite.errors import BadInput
-from suite.plan import TIMING, TRUTH, WorkBlock, version
+from suite.plan import BOUND, TIMING, TRUTH, WorkBlock, version
 from suite.record import Recorder, Report
 from suite.registry import Catalog
 from suite.work import compute, measure_time, simulated
@@ -46,6 +47,8 @@ def perform(context: Context, block: WorkBlock) -> Report:
     case = write.catalog.cases[block.case]
     if block.kind == TRUTH:
         return write.truth(block, simulated(case, block.seed, block.first, block.count))
+    if block.kind == BOUND:
+        return write.bounds(block, bounds_of(case, block.seed))
     estimator = write.catalog.estimators[str(block.estimator)]
     if version(block.kind, write.catalog, case, estimator, block.seed) != block.version:
         raise BadInput(f"the sources of {block.estimator} on {block.case} changed while it ran; repeat the command")
