@@ -146,7 +146,7 @@ def _announce(planned: plan.Plan, estimators: Sequence[int], runs: Sequence[int]
     if options.dry_run:
         rows: dict[tuple[str, str, str], int] = {}
         for block in planned.blocks:
-            key = (block.case, block.estimator or "(truth)", block.kind)
+            key = (block.case, block.estimator or "", block.kind)
             rows[key] = rows.get(key, 0) + 1
         print_table("would run", ("case", "estimator", "kind", "blocks"), [(*key, str(n)) for key, n in rows.items()])
 

@@ -131,7 +131,9 @@ class Store:
 
     def write(self, address: str, meta: Mapping[str, Any], columns: Mapping[str, Any], rows: int) -> Path:
         """Store a block; columns left out are null. Raises StoreError when the disk does not take it."""
-        folder = self.folder / _slug(meta["case"]["name"]) / _slug(meta["estimator"]["label"] if meta["estimator"] else "truth")
+        folder = (
+            self.folder / _slug(meta["case"]["name"]) / _slug(meta["estimator"]["label"] if meta["estimator"] else meta["kind"])
+        )
         final, temporary = folder / f"{address}.parquet", folder / f".{address}.{os.getpid()}.tmp"
         content = _encode(_table(columns, rows), json.dumps({**meta, "address": address}))
         try:

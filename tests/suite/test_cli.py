@@ -53,7 +53,7 @@ ROOT = Path(__file__).resolve().parents[2]
         (["run", "--profile", "slow"], "invalid choice: 'slow'"),
         (["score", "--format", "xml"], "invalid choice: 'xml'"),
         (["list", "filters"], "invalid choice: 'filters'"),
-        (["list", "metrics", "rsme"], "no metric matches 'rsme'; did you mean 'rmse'?"),
+        (["list", "metrics", "dvergence"], "no metric matches 'dvergence'; did you mean 'divergence'?"),
     ],
     ids=lambda value: " ".join(value)[:40] if isinstance(value, list) else "",
 )
@@ -130,7 +130,7 @@ def test_names_that_are_not_stored(cli, tiny, tmp_path):
     for option, name, words in (
         ("-e", "lost", "no stored estimator matches 'lost'; did you mean 'last'?"),
         ("-c", "tini", "no stored case matches 'tini'; did you mean 'tiny'?"),
-        ("-m", "rsme", "no metric matches 'rsme'; did you mean 'rmse'?"),
+        ("-m", "dvergence", "no metric matches 'dvergence'; did you mean 'divergence'?"),
     ):
         said = cli("score", "--results", tmp_path / "results", option, name)
         assert said.code == 2
@@ -154,7 +154,7 @@ def test_a_dry_run_writes_nothing(cli, tiny, tmp_path, files):
     results = tmp_path / "results"
     said = tiny("--dry-run", "-e", "last", "kalman")
     assert said.code == 0
-    assert said.out.startswith("2 cells (2 estimators x 1 cases, 0 refused), 4 runs each, seed 1: 8 blocks to run, 0 stored")
+    assert said.out.startswith("2 cells (2 estimators x 1 cases, 0 refused), 4 runs each, seed 1: 9 blocks to run, 0 stored")
     assert not results.exists()
     results.mkdir()
     assert tiny("--dry-run", "-e", "last", "kalman").out == said.out
@@ -163,7 +163,7 @@ def test_a_dry_run_writes_nothing(cli, tiny, tmp_path, files):
     (results / "notes.txt").write_text("mine")
     before = files(results)
     said = tiny("--dry-run", "-e", "last", "kalman")
-    assert "3 blocks to run, 5 stored already" in said.out
+    assert "3 blocks to run, 6 stored already" in said.out
     assert said.errors == [f"filterbench: would set aside {results / 'notes.txt'}: not a Parquet file of this store"]
     assert files(results) == before
 

@@ -73,12 +73,24 @@ def test_long_cases_get_fewer_runs_in_the_quick_profile(known):
     assert quick == {1: 12, 40: 12, 100: 12, 150: 8, 299: 4, 400: 4, 10_000: 4}
     assert set(paper.values()) == {100}
     known_to_few = plan.make(known, {long[400]: (), case: ()}, plan.PROFILES["quick"].runs_of, 1, 6, ())
-    assert [(b.case, b.count) for b in known_to_few.blocks] == [("linear-gaussian", 4), *[("linear-gaussian", 6)] * 2]
+    assert spans(known_to_few, plan.TRUTH) == [(0, 4), (0, 6), (6, 6)]
 
 
 def test_truth_comes_first_and_timing_last(make):
     kinds = [b.kind for b in make(["last", "kalman"]).blocks]
-    assert kinds == ["truth"] * 2 + ["estimate"] * 4 + ["timing"] * 2
+    assert kinds == ["truth"] * 2 + ["bound"] + ["estimate"] * 4 + ["timing"] * 2
+
+
+def test_a_bound_is_computed_once_a_case(known, make):
+    """Neither runs nor estimators enter it; the case and the seed do."""
+    first = make(["last"], chosen=["tiny", "linear-gaussian"])
+    entries = [entry(b) for b in first.blocks if b.kind == plan.BOUND]
+    assert [(b.case, b.first, b.count) for b in first.blocks if b.kind == plan.BOUND] == [
+        ("linear-gaussian", 0, 1),
+        ("tiny", 0, 1),
+    ]
+    assert not spans(make(["kalman"], runs=9, entries=entries, chosen=["tiny", "linear-gaussian"]), plan.BOUND)
+    assert len(spans(make(["last"], seed=2, entries=entries), plan.BOUND)) == 1
 
 
 def test_addresses_differ(make):
@@ -89,7 +101,7 @@ def test_addresses_differ(make):
 def test_what_is_stored_is_left_out(make):
     first = make(["last"])
     planned = make(["last"], entries=[entry(b) for b in first.blocks])
-    assert (planned.blocks, planned.stored) == ((), 5)
+    assert (planned.blocks, planned.stored) == ((), 6)
 
 
 def test_more_runs_need_only_the_missing_ones(make):

@@ -146,7 +146,7 @@ def test_a_plugin_that_moves_keeps_its_results(cli, inline, tmp_path):
     assert "0 blocks to run" in cli("run", "--plugin", moved, *arguments).out
     moved.write_text(TINY.read_text() + "# changed\n")
     shutil.move(moved, tmp_path / "changed.py")
-    assert "3 blocks to run" in cli("run", "--plugin", tmp_path / "changed.py", *arguments).out
+    assert "4 blocks to run" in cli("run", "--plugin", tmp_path / "changed.py", *arguments).out
 
 
 def test_parameters_of_a_plugin(cli):
