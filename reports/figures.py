@@ -21,6 +21,8 @@ from suite.linalg import Array
 LOG_FROM = 30.0
 """A range of values above which the axis is logarithmic."""
 MARKERS_ON_A_LINE = 7
+BOUND_DASHES = ((5, 2), (1, 1.5))
+"""Of the first bound and the second: dashed and dotted."""
 MANY_STEPS = 300
 """Above so many steps lines are thin, or a noisy one is a blot."""
 WIDTH, HEIGHT = 6.6, 3.0
@@ -29,17 +31,26 @@ LEFT, RIGHT, TOP, BOTTOM = 0.95, 0.2, 0.12, 0.55
 
 
 def over_time(
-    series: Sequence[Series], marks: Mapping[str, Mark], name: str, label: str, title: str, target: float | None = None
+    series: Sequence[Series],
+    marks: Mapping[str, Mark],
+    name: str,
+    label: str,
+    title: str,
+    target: float | None = None,
+    bounds: Sequence[Array] = (),
 ) -> Markup | None:
-    """Lines over time with their intervals as bands; None when there is no finite value to draw."""
+    """Lines over time with their intervals as bands, and the bounds[T] below them; None when there is nothing to draw."""
     values = _finite(np.concatenate([s.value for s in series])) if series else np.empty(0)
     if not values.size:
         return None
+    shown = [np.where(bound > 0, bound, np.nan) for bound in bounds]
     with _drawing():
         axes = _axes(WIDTH, HEIGHT)
-        bottom = _scale(axes, values, series, target)
+        bottom = _scale(axes, np.concatenate([values, *map(_finite, shown)]), series, target)
         for number, one in enumerate(series):
             _line(axes, one, marks[one.label], bottom, number / len(series))
+        for bound, dashes in zip(shown, BOUND_DASHES, strict=False):
+            axes.plot(series[0].time, bound, color=svg.INK, lw=1.2, dashes=dashes, zorder=2.2)
         if target is not None:
             axes.axhline(target, color=svg.INK, lw=0.9, dashes=(2, 2), zorder=1)
         axes.set_xlabel("time (s)")

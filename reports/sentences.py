@@ -4,14 +4,25 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
+import numpy as np
+
 from reports.text import count, listed, quantity
 from reports.views import CaseView, CellView, Key
+from suite.bounds import BEST_FIT, CONDITIONAL, KNOWN_MODES, NONE, POSTERIOR
+from suite.case_bounds import BlockBound
+from suite.linalg import Array
 from suite.metrics import METRICS
 from suite.score import BEST
 
 FEW_CASES = 3
 """Up to so many cases are told one by one, more are counted."""
 NAMES_IN_A_LIST = 5
+BOUND_NAMES = {
+    POSTERIOR: "posterior Cramér-Rao bound",
+    CONDITIONAL: "Cramér-Rao bound of each trajectory, averaged",
+    KNOWN_MODES: "Cramér-Rao bound of filters that are told the modes",
+    BEST_FIT: "error predicted by the Gaussian motion that fits the modes best (no bound)",
+}
 
 
 def headline(cases: Sequence[CaseView]) -> list[str]:
@@ -114,6 +125,24 @@ def diverged(cell: CellView) -> int:
     """How many of the counted runs diverged by the case's definition."""
     score = cell.scores.get(("divergence", "runs"))
     return round(score.value * score.runs) if score and math.isfinite(score.value) else 0
+
+
+def bounded(bounds: Sequence[tuple[BlockBound, Array, Array]]) -> str:
+    """What the dashed and the dotted line of a figure are, from each bound with its value[T] and error[T] there."""
+    found = []
+    for line, (bound, value, error) in zip(("dashed", "dotted"), bounds, strict=False):
+        if bound.kind == NONE:
+            found.append(f" There is no bound: {bound.reason}.")
+            continue
+        if not (value > 0).any():
+            found.append(f" The {BOUND_NAMES[bound.kind]} is zero.")
+            continue
+        share = float(np.nanmax(error[value > 0] / value[value > 0], initial=0.0))
+        percent = f"{100 * share:.1g}" if share < 0.095 else f"{100 * share:.0f}"
+        wide = f", its standard error by Monte Carlo up to {percent} %" if share > 0.0005 else ""
+        found.append(f" The {line} line without marks is the {BOUND_NAMES[bound.kind]}{wide}.")
+    reasons = dict.fromkeys(bound.reason for bound, *_ in bounds if bound.reason and bound.kind != NONE)
+    return "".join(found) + "".join(f" Of the bound: {reason}." for reason in reasons)
 
 
 def _share(n: int, one: str, many: str) -> str:

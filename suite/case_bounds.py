@@ -15,7 +15,7 @@ MOST, FEWEST = 2000, 100
 """Trajectories of a bound: as many as `STEPS` allow, within these."""
 STEPS = 400_000
 SEQUENCES = 100
-"""Sequences of modes; trajectories are spread over them."""
+"""Sequences of modes, over which trajectories are spread where slopes differ among those of one sequence."""
 
 
 @dataclass(frozen=True)
@@ -49,23 +49,23 @@ def _drawn(case: Case, seed: int) -> tuple[Trajectories, Array | None]:
 
     They are drawn from the model where the truth is, or where the state does not matter; else they are the case's own truths.
     """
-    linear = _linear(case)
+    linear, several = _linear(case), isinstance(case.model, JumpModel)
     runs = max(FEWEST, min(MOST, STEPS // case.steps))
-    if linear and not np.isnan(case.simulate(1, seed).y).any():
+    if linear and not several and not np.isnan(case.simulate(1, seed).y).any():
         runs = 2  # all are alike
     truth = case.simulate(runs, seed)
     y = truth.y if np.isnan(truth.y).any() else None
     streams = Streams((seed, case.name, "bound"))
-    if case.origin == FROM_MODEL or linear:
-        copies = runs // SEQUENCES if isinstance(case.model, JumpModel) else 1
+    if case.origin == FROM_MODEL or (linear and not several):
+        copies = runs // SEQUENCES if several and not linear else 1
         return trajectories(case.model, case.steps, streams.batch(0, runs // copies), copies), y
     return _along(case, truth, streams), y
 
 
 def _linear(case: Case) -> bool:
-    """Whether the bound does not depend on the state."""
-    model = case.model
-    return not isinstance(model, JumpModel) and fisher.refusal(model, case.steps) is None and fisher.constant(model)
+    """Whether slopes are the same at all states."""
+    modes = case.model.modes if isinstance(case.model, JumpModel) else (case.model,)
+    return all(fisher.refusal(mode, case.steps) is None and fisher.constant(mode) for mode in modes)
 
 
 def _along(case: Case, truth: Truth, streams: Streams) -> Trajectories:

@@ -11,11 +11,13 @@ from markupsafe import Markup
 from reports import figures, series
 from reports.formula import mathml
 from reports.marks import Mark
-from reports.sentences import diverged
+from reports.sentences import bounded, diverged
 from reports.series import Series, Tracks
 from reports.text import count, listed, number, tick
 from reports.views import PERCENT, CaseView, CellView, Key
 from suite.case import with_unit
+from suite.case_bounds import BlockBound
+from suite.linalg import Array
 from suite.metrics import METRICS
 from suite.results import CaseResults
 
@@ -123,7 +125,8 @@ def _figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str, Ma
     for i, block in enumerate(results.card.blocks):
         lines = errors.get(block.name, [])
         title = f"RMSE of {block.name} over time"
-        yield _over_time(lines, marks, f"rmse-{i}", title, with_unit("RMSE", block.unit))
+        bounds = [(bound, bound.value[:, i], bound.error[:, i]) for bound in results.bounds]
+        yield _over_time(lines, marks, f"rmse-{i}", title, with_unit("RMSE", block.unit), bounds=bounds)
     lines = series.consistency(results, labels)
     title = "Normalised estimation error squared over time"
     yield _over_time(lines, marks, "nees", title, "NEES", METRICS["nees"].better)
@@ -133,9 +136,15 @@ def _figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str, Ma
 
 
 def _over_time(
-    lines: Sequence[Series], marks: Mapping[str, Mark], name: str, title: str, axis: str, target: Any = None
+    lines: Sequence[Series],
+    marks: Mapping[str, Mark],
+    name: str,
+    title: str,
+    axis: str,
+    target: Any = None,
+    bounds: Sequence[tuple[BlockBound, Array, Array]] = (),
 ) -> FigureView:
-    drawing = figures.over_time(lines, marks, f"fig-{name}", axis, title, target)
+    drawing = figures.over_time(lines, marks, f"fig-{name}", axis, title, target, [value for _, value, _ in bounds])
     runs = {s.runs for s in lines}
     band = f" The shaded bands are {PERCENT} intervals over runs." if any(s.runs > 1 for s in lines) else ""
     unit = axis.partition(" (")
@@ -144,12 +153,13 @@ def _over_time(
     )
     caption += band + (" The dotted line is 1, where errors are as large as the filter says." if target else "")
     if lines:
-        caption += _same(lines)
+        caption += _same(lines) + bounded(bounds)
     for line in lines:
         if line.hidden:
             caption += f" {line.label}: {count(line.hidden, 'step')} of {len(line.value)} without a finite value, not drawn."
     header = ["time (s)", *(f"{s.label}{what}" for s in lines for what in ("", ", low", ", high"))]
-    rows, note = _table(lines)
+    header += [f"bound, {each.kind}" for each, _, _ in bounds]
+    rows, note = _table(lines, [value for _, value, _ in bounds])
     return FigureView(name, title, caption, drawing, [s.label for s in lines], header, rows, note)
 
 
@@ -172,7 +182,7 @@ def _close(a: Series, b: Series) -> bool:
     )
 
 
-def _table(lines: Sequence[Series]) -> tuple[list[list[str]], str]:
+def _table(lines: Sequence[Series], bounds: Sequence[Array]) -> tuple[list[list[str]], str]:
     """The data of a figure over time, at most `TABLE_ROWS` steps of it, and a note on those left out."""
     if not lines:
         return [], ""
@@ -181,7 +191,7 @@ def _table(lines: Sequence[Series]) -> tuple[list[list[str]], str]:
     rows = [
         [tick(float(lines[0].time[k])), *(
             number(float(x)) for s in lines for x in (s.value[k], s.low[place[int(k)]], s.high[place[int(k)]])
-        )]
+        ), *(number(float(value[k])) for value in bounds)]
         for k in at
     ]  # fmt: skip
     steps = len(lines[0].time)

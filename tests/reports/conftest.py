@@ -11,9 +11,11 @@ import pytest
 
 from cases.linear_gaussian import MODEL
 from suite import results
-from suite.case import Case, Divergence, Equation, Published, StateBlock, draw
+from suite.case import Case, Divergence, Equation, StateBlock, draw
+from suite.case_bounds import bounds_of
 from suite.estimator import FAILED, LOST, Estimate
-from suite.plan import ESTIMATE, REFUSAL, TIMING, TRUTH, WorkBlock
+from suite.plan import BOUND, ESTIMATE, REFUSAL, TIMING, TRUTH, WorkBlock
+from suite.published import Published
 from suite.record import Recorder
 from suite.registry import Catalog, Registry
 from suite.store import Store
@@ -81,6 +83,7 @@ class Written:
         recorder = Recorder(str(self.folder), self.command, Catalog(Registry("e", estimators), Registry("c", cases), {}))
         for case in cases:
             recorder.truth(self._block(TRUTH, case, None, runs), case.simulate(runs, 1))
+            recorder.bounds(self._block(BOUND, case, None, 1), bounds_of(case, 1))
             for place, estimator in enumerate(estimators):
                 if estimator.refusal:
                     recorder.refusal(self._block(REFUSAL, case, estimator, 1))

@@ -55,6 +55,21 @@ def test_nothing_finite_gives_no_figure(value):
     assert over_time([], {}, "fig", "RMSE", "title") is None
 
 
+def test_bounds_are_lines_that_widen_the_axis():
+    """A bound far below a line makes the axis logarithmic; one of zero is not drawn."""
+    line = series("a", [900, 1500, 2000])
+    mark = marks(["a"])
+
+    def drawn(*bounds):
+        return over_time([line], mark, "fig", "RMSE (m)", "RMSE over time", bounds=bounds)
+
+    low = drawn(np.array([1.0, 2.0, 3.0]), np.array([5.0, 5.0, 5.0]))
+    assert "10" in texts(low)
+    assert low.count("stroke-dasharray") >= drawn().count("stroke-dasharray") + 2
+    assert "10" not in texts(drawn(np.zeros(3)))
+    assert "nan" not in drawn(np.full(3, np.nan)).lower()
+
+
 def test_names_stay_text_in_drawings():
     drawing = over_time(
         [series("$a$ <b>", [1, 2])], marks(["$a$ <b>"]), "fig", "$x$ <script>", "</svg><script>alert(1)</script>"

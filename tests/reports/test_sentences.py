@@ -1,7 +1,12 @@
 """The sentences at the top of the overview."""
 
-from reports.sentences import headline
+import numpy as np
+import pytest
+
+from reports.sentences import bounded, headline
 from reports.views import private, view
+from suite import bounds
+from suite.case_bounds import BlockBound
 
 
 def sentences(loaded):
@@ -56,3 +61,39 @@ def test_many_cases_are_counted(tools, tmp_path):
 
 def test_nothing_stored(tools):
     assert headline([]) == ["No run is stored in this results folder, so there is nothing to compare yet."]
+
+
+def bound(kind, reason="", value=(2.0, 3.0), error=(0.0, 0.0)):
+    """A bound on one block, with its value and error there."""
+    return (
+        BlockBound(kind, reason, np.array([value]).T, np.array([error]).T, np.ones((2, 1, 1))),
+        np.array(value),
+        np.array(error),
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ([], ""),
+        ([bound(bounds.POSTERIOR)], " The dashed line without marks is the posterior Cramér-Rao bound."),
+        (
+            [bound(bounds.POSTERIOR, error=(0.01, 0.06))],
+            " The dashed line without marks is the posterior Cramér-Rao bound, its standard error by Monte Carlo up to 2 %.",
+        ),
+        (
+            [bound(bounds.POSTERIOR, error=(0.25, 0.0))],
+            " The dashed line without marks is the posterior Cramér-Rao bound, its standard error by Monte Carlo up to 12 %.",
+        ),
+        ([bound(bounds.POSTERIOR, value=(0.0, 0.0))], " The posterior Cramér-Rao bound is zero."),
+        ([bound(bounds.NONE, "no slopes", value=(np.nan, np.nan))], " There is no bound: no slopes."),
+        (
+            [bound(bounds.KNOWN_MODES, "a track"), bound(bounds.BEST_FIT, "a track")],
+            " The dashed line without marks is the Cramér-Rao bound of filters that are told the modes. The dotted line "
+            "without marks is the error predicted by the Gaussian motion that fits the modes best (no bound). Of the bound: a "
+            "track.",
+        ),
+    ],
+)
+def test_bounds_are_named_as_what_they_are(given, words):
+    assert bounded(given) == words

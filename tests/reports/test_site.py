@@ -14,7 +14,7 @@ import pytest
 from reports import site as site_module
 from reports.pages import overview
 from reports.site import MANIFEST, build, render
-from reports.text import quantity
+from reports.text import number, quantity
 from reports.views import view
 from suite import results
 from suite.case import StateBlock
@@ -133,6 +133,15 @@ def test_the_case_page_tells_the_case(site, tools):
         assert words in " ".join(page.text.split()), words
     assert page.tags.count("math") == 7
     assert page.tags.count("figure") == 4
+
+
+def test_figures_of_errors_have_the_bound(tools, tmp_path):
+    """Its line is told below the figure, and its numbers are in the table."""
+    loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted()]).load()
+    page = render(loaded, "filterbench report")["case-easy.html"]
+    assert page.count("The dashed line without marks is the posterior Cramér-Rao bound.") == 2
+    assert page.count("bound, posterior") == 2
+    assert number(float(loaded.cases["easy"].bounds[0].value[0, 0])) in page
 
 
 def test_provenance_tells_what_went_wrong(site, tools):
@@ -333,6 +342,7 @@ def test_a_case_without_blocks_of_its_divergence_is_still_shown(tools, tmp_path)
     case = loaded.cases["easy"]
     case.card = dataclasses.replace(case.card, plane=None, landmarks=(), equations=(), published=(), assumptions=(),
                                     blocks=(*case.card.blocks, StateBlock("unused", (0,), "")))  # fmt: skip
+    case.bound = None
     page = render(loaded, "x")["case-easy.html"]
     assert "ground plane" not in page
     assert "Published" not in page
