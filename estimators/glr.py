@@ -86,7 +86,7 @@ def observed(predicted: GaussianBelief, error: Array, sensor: AdditiveSensor, y:
     columns = np.concat([predicted.root, error], axis=2)
     images = np.where(seen[:, :, None], moment_rules.taylor(predicted.mean, columns, sensor, k).dy, 0.0)
     own = images[:, :, :n]
-    noise = np.where(seen[:, :, None] & seen[:, None, :], sensor.noise.cov, np.eye(len(y)))
+    noise = np.where(seen[:, :, None] & seen[:, None, :], sensor.noise_at(k).cov, np.eye(len(y)))
     white = solve_lower(cholesky(own @ np.swapaxes(own, 1, 2) + noise), images)
     own, signature = white[:, :, :n], white[:, :, n:]
     return signature, error - predicted.root @ (np.swapaxes(own, 1, 2) @ signature)

@@ -31,8 +31,9 @@ class Kalman(GaussianFilter):
         return None if is_linear_gaussian(model) else "the model is not linear with Gaussian noises"
 
     def step(self, model: StateSpaceModel, belief: GaussianBelief, y: Array, k: int, rng: Generators) -> GaussianBelief:
-        if not isinstance(model.dynamics.noise_at(k), Gaussian):
-            raise ValueError("the process noise of this step is not Gaussian, as that of the first is")
+        for part, law in (("process", model.dynamics), ("measurement", model.sensor)):
+            if not isinstance(law.noise_at(k), Gaussian):
+                raise ValueError(f"the {part} noise of this step is not Gaussian, as that of the first is")
         return super().step(model, belief, y, k, rng)
 
 

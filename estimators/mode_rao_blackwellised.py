@@ -85,8 +85,9 @@ class ModeRaoBlackwellised(JumpFilter):
         return branched(mean, root, logp, even, particles.all_of(*shape), model.nominal)
 
     def step(self, model: JumpModel, belief: Branches, y: Array, k: int, rng: Generators) -> Branches:
-        if not all(isinstance(mode.dynamics.noise_at(k), Gaussian) for mode in model.modes):
-            raise ValueError("the process noise of this step is not Gaussian, as that of the first is")
+        for part, laws in (("process", [m.dynamics for m in model.modes]), ("measurement", [m.sensor for m in model.modes])):
+            if not all(isinstance(law.noise_at(k), Gaussian) for law in laws):
+                raise ValueError(f"the {part} noise of this step is not Gaussian, as that of the first is")
         start = particles.resample(belief.histories, SCHEMES[self.resampling], self.threshold, rng)
         run, parent = np.arange(rng.runs)[:, None], start.parents
         mode = drawn(np.exp(np.moveaxis(belief.logp[:, run, parent], 0, -1)), rng)

@@ -134,14 +134,17 @@ def _dress(axes: Axes) -> None:
 
 
 def ground(track: Tracks, card: Card, marks: Mapping[str, Mark], name: str, title: str) -> Markup | None:
-    """Truth and estimates of one run on the ground plane; None when the truth holds no finite place."""
-    seen = np.isfinite(track.truth).all(0)
-    if card.plane is None or not seen.any():
+    """Truth and estimates of one run on the ground plane; None when there is no finite place to draw.
+
+    Where nothing is known of the truth, the estimator by which the run was chosen stands in for it: its start, its extent.
+    """
+    shown = _places(track.truth) if np.isfinite(track.truth).any() else _places(track.estimates[track.chosen_by])
+    if card.plane is None or not shown.size:
         return None
-    unit, factor = _ground_unit(card, track.truth[:, seen])
+    unit, factor = _ground_unit(card, shown)
     sites = np.array([[x, y] for _, x, y in card.landmarks], float).reshape(-1, 2).T / factor
-    truth = track.truth / factor
-    low, high = frame(truth[:, seen], sites)
+    truth, shown = track.truth / factor, shown / factor
+    low, high = frame(shown, sites)
     width, height = high - low
     # A panel of the same proportions as the ground, within reason; the ground is then widened to fill it.
     panel = np.array([WIDTH - LEFT - RIGHT, np.clip((WIDTH - LEFT - RIGHT) * height / width, 1.8, 5.4)])
@@ -153,8 +156,8 @@ def ground(track: Tracks, card: Card, marks: Mapping[str, Mark], name: str, titl
             _track(axes, place / factor, marks[label], low, high, number / len(track.estimates))
         (line,) = axes.plot(*truth, color=svg.INK, lw=1.1, zorder=1.9)
         line.set_gid("truth")
-        axes.plot(*truth[:, seen][:, :1], "o", ms=9, mfc="none", mec=svg.INK, mew=1.6, zorder=5)
-        axes.annotate("start", truth[:, seen][:, 0], (8, 8), textcoords="offset points", zorder=6)
+        axes.plot(*shown[:, :1], "o", ms=9, mfc="none", mec=svg.INK, mew=1.6, zorder=5)
+        axes.annotate("start", shown[:, 0], (8, 8), textcoords="offset points", zorder=6)
         for (site, *_), at in zip(card.landmarks, sites.T, strict=True):
             axes.plot(*at[:, None], "^", ms=7, color=svg.INK, zorder=4)
             axes.annotate(site[:40], at, (7, -4), textcoords="offset points", annotation_clip=True)
@@ -166,6 +169,11 @@ def ground(track: Tracks, card: Card, marks: Mapping[str, Mark], name: str, titl
             axis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
         _dress(axes)
         return svg.inline(axes.figure, name, title, f"Truth and estimates of {', '.join(track.estimates)} on the ground plane")
+
+
+def _places(track: Array) -> Array:
+    """The finite places [2, S] of a track [2, T]."""
+    return track[:, np.isfinite(track).all(0)]
 
 
 def _ground_unit(card: Card, truth: Array) -> tuple[str, float]:

@@ -62,8 +62,7 @@ def _series(cell: Cell, metric: Metric, values: Array) -> Series:
     with np.errstate(all="ignore"):
         value = metric.link(weighted_mean(values, np.ones((1, values.shape[1]))))[:, 0]
         _, low, high = metric.over_time(values[at])
-    time = cell.case.card.interval * np.arange(1, steps + 1)
-    return Series(cell.label, time, value, at, low, high, values.shape[1], len(cell.runs))
+    return Series(cell.label, cell.case.card.time, value, at, low, high, values.shape[1], len(cell.runs))
 
 
 def tracks(case: CaseResults, labels: Sequence[str]) -> Tracks | None:
@@ -76,7 +75,8 @@ def tracks(case: CaseResults, labels: Sequence[str]) -> Tracks | None:
     if first is None:
         return None
     with np.errstate(all="ignore"):
-        error = ((first.estimate.mean - first.truth.x)[:, plane] ** 2).mean((0, 1))
+        squared = ((first.estimate.mean - first.truth.x)[:, plane] ** 2).sum(1)
+        error = weighted_mean(squared.T, np.ones((1, len(squared))))[:, 0]
     usable = np.flatnonzero(first.estimate.ok)
     order = usable[np.argsort(error[usable], kind="stable")]
     run = first.runs[order[(len(order) - 1) // 2]]

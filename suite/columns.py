@@ -1,6 +1,7 @@
 """Recorded columns from CSV and Parquet files: every fault is named with its file, line and column."""
 
 import csv
+import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,6 +9,7 @@ from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import pandas
+import pyarrow.parquet as pq
 
 from suite.errors import BadInput, near, one_line
 
@@ -98,7 +100,7 @@ def instant(cell: object, unit: str, where: str) -> float:
 
 def _number(cell: object, where: str) -> float:
     try:
-        value = math.nan if isinstance(cell, bool) else float(cell)  # type: ignore[arg-type]
+        value = math.nan if isinstance(cell, bool) or "_" in str(cell) else float(cell)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         value = math.nan
     if not math.isfinite(value):
@@ -108,17 +110,22 @@ def _number(cell: object, where: str) -> float:
 
 def _csv(path: Path) -> Columns:
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file, strict=True)
-            rows = [(reader.line_num, row) for row in reader if row]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise BadInput(f"{path}: is no CSV: {one_line(error)}") from error
+        reader = csv.reader(io.StringIO(path.read_bytes().decode("utf-8-sig"), newline=""), strict=True)
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise BadInput(f"{path}, line {line}: is no text in UTF-8") from error
+    try:
+        rows = [(reader.line_num, row) for row in reader if row]
+    except csv.Error as error:
+        raise BadInput(f"{path}, line {reader.line_num}: is no CSV: {one_line(error)}") from error
     if not rows:
         raise BadInput(f"{path}: is empty")
-    header = [name.strip() for name in rows[0][1]]
-    for name in header:
-        if header.count(name) > 1:
-            raise BadInput(f"{path}: there are two columns {name!r}")
+    line, names = rows[0]
+    for mark, word in ((";", "semicolons"), ("\t", "tabs")):
+        if len(names) == 1 and mark in names[0]:
+            raise BadInput(f"{path}, line {line}: columns must be separated by commas, not by {word}, and decimals by points")
+    header = [" ".join(name.split()) for name in names]
+    _distinct(path, header)
     for line, row in rows[1:]:
         if len(row) != len(header):
             raise BadInput(f"{path}, line {line}: has {len(row)} cells, the header has {len(header)}")
@@ -128,7 +135,16 @@ def _csv(path: Path) -> Columns:
 
 def _parquet(path: Path) -> Columns:
     try:
+        _distinct(path, pq.read_schema(path).names)
         frame = pandas.read_parquet(path)
+    except BadInput:
+        raise
     except Exception as error:  # pyarrow's own errors are many
         raise BadInput(f"{path}: is no Parquet file: {one_line(error)}") from error
     return Columns(path, "row", range(1, len(frame) + 1), {str(name): frame[name].tolist() for name in frame})
+
+
+def _distinct(path: Path, names: Sequence[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise BadInput(f"{path}: there are two columns {name!r}")

@@ -4,7 +4,7 @@ Every number that has a unit is written with it, as in "15 m" or "0.5 deg"; once
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -151,8 +151,16 @@ def _coordinates(table: Section) -> Coordinates:
     table.only("kind", "dimensions", *(("origin",) if geodetic else ()))
     found = Coordinates(geodetic, table.count("dimensions", 2, 3))
     # Even in the plane, an origin may have a height: that of the plane.
-    origin = table.quantities("origin", [ANGLE, ANGLE, LENGTH]) if "origin" in table.data else None
+    origin = _place(table, "origin", [ANGLE, ANGLE, LENGTH]) if "origin" in table.data else None
     return Coordinates(geodetic, found.dimensions, origin)
+
+
+def _place(table: Section, key: str, units: Sequence[Units]) -> Vector:
+    """A place's coordinates."""
+    found = table.quantities(key, units)
+    if units[0] is ANGLE and abs(found[0]) > math.pi / 2:
+        raise BadInput(f"{table.where}: a latitude in {key} must be from -90 to 90 degrees")
+    return found
 
 
 def _instrument(name: str, table: Section, coordinates: Coordinates) -> Instrument:
@@ -167,7 +175,7 @@ def _instrument(name: str, table: Section, coordinates: Coordinates) -> Instrume
         name,
         components,
         table.scales("units", units),
-        table.quantities("place", coordinates.units) if placed else None,
+        _place(table, "place", coordinates.units) if placed else None,
         table.quantities("std", units if placed else [LENGTH] * len(units), above=0.0),
     )
 
@@ -188,7 +196,7 @@ def _prior(table: Section, motion: Motion, coordinates: Coordinates) -> Prior:
         units = [UNITS[part]] * (1 if part == "turn_rate" else coordinates.dimensions)
         std[part] = table.quantities(f"{part}_std", units, low=0.0)
         if part == "position":
-            mean[part] = table.quantities(part, coordinates.units)
+            mean[part] = _place(table, part, coordinates.units)
         else:  # zero unless it is known
             mean[part] = table.quantities(part, units) if part in table.data else (0.0,) * len(units)
     return Prior(table.value("start"), mean, std)

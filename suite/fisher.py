@@ -60,9 +60,10 @@ def refusal(model: StateSpaceModel, steps: int) -> str | None:
     """None when both laws of the model have slopes, and noises with a finite Fisher information; otherwise why not."""
     if reason := gaussian.additive(model) or gaussian.differentiable(model):
         return reason
-    part = "measurement"
+    part, rows = "measurement", tuple(range(model.m))
     try:
-        information(sensor(model).noise)
+        for k in range(1, steps + 1):
+            of_components(sensor(model).noise_at(k), rows)  # type: ignore[arg-type]
         part = "process"
         for k in range(1, steps + 1):
             process_factor(model, k)
@@ -104,7 +105,7 @@ def measured(modes: Sequence[StateSpaceModel], mode: Modes, x: Array, y: Array |
         for rows, runs in outage_patterns(seen[:, at]):
             if rows:
                 H = slope[np.array(rows)[:, None, None], np.arange(len(x))[:, None], runs]
-                weighed = np.tensordot(of_components(law.noise, rows), H, 1)  # type: ignore[arg-type]
+                weighed = np.tensordot(of_components(law.noise_at(k), rows), H, 1)  # type: ignore[arg-type]
                 found[:, :, at[runs]] = np.einsum("pir,pjr->ijr", H, weighed)
     return found
 

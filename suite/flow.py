@@ -17,7 +17,6 @@ import numpy as np
 from suite import pointwise
 from suite.linalg import Array, apply
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel, outage_patterns
-from suite.noise import Gaussian
 from suite.proposal import Proposed, centred_noise
 from suite.random import Generators
 from suite.resampling import Indices
@@ -230,8 +229,7 @@ def propose(model: StateSpaceModel, x: Array, y: Array, k: int, rng: Generators,
     dynamics, sensor = model.dynamics, model.sensor
     assert isinstance(dynamics, AdditiveTransition)
     assert isinstance(sensor, AdditiveSensor)
-    noise, measured = centred_noise(dynamics, k), sensor.noise
-    assert isinstance(measured, Gaussian)
+    noise, measured = centred_noise(dynamics, k), centred_noise(sensor, k)
     spread = noise.lower if dynamics.gain is None else dynamics.gain @ noise.lower
     predicted = dynamics.mean(x, k)
     z = rng.standard_normal((spread.shape[1], *x.shape[1:]))

@@ -122,8 +122,9 @@ def update(rule: Rule, belief: GaussianBelief, sensor: Sensor, y: Array, k: int)
     whole = seen.all()
     if isinstance(sensor, AdditiveSensor):
         spread = rule(belief.mean, belief.root, sensor, k)
-        error = sensor.residual(y, (spread.value + sensor.noise.mean).T).T
-        noise = _root(sensor.noise) if whole else _noise_root(sensor.noise, y)
+        law = sensor.noise_at(k)
+        error = sensor.residual(y, (spread.value + law.mean).T).T
+        noise = _root(law) if whole else _noise_root(law, y)
     elif isinstance(sensor, NonadditiveSensor):
         spread = _augmented(rule, belief, sensor, k)
         error = sensor.residual(y, spread.value.T).T

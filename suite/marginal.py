@@ -53,9 +53,10 @@ def accepts(model: StateSpaceModel) -> str | None:
         return "its process noise is not additive"
     if not isinstance(sensor, AdditiveSensor):
         return "its measurement noise is not additive"
-    if not isinstance(sensor.noise, Gaussian):
+    measured = sensor.noise_at(1)
+    if not isinstance(measured, Gaussian):
         return "its measurement noise is not Gaussian"
-    if not np.diag(sensor.noise.lower).all():
+    if not np.diag(measured.lower).all():
         return "the covariance of its measurement noise is singular"
     if dynamics.gain is not None and not isinstance(dynamics.noise_at(1), Gaussian):
         return "its process noise enters through a gain and is not Gaussian"
@@ -106,13 +107,16 @@ def update(model: StateSpaceModel, x: Array, y: Array, k: int) -> tuple[Array, A
     """
     sensor, n, linear = model.sensor, model.n, model.linear
     assert isinstance(sensor, AdditiveSensor)
+    noise = sensor.noise_at(k)
+    if not isinstance(noise, Gaussian):
+        raise ValueError("the measurement noise of this step is not Gaussian, as that of the first is")
     state, cov, seen = x[:n], _triangle(x[n:], len(linear)), ~np.isnan(y)
-    error = sensor.residual(y[:, :, None], sensor.mean(state, k) + sensor.noise.mean[:, None, None])
+    error = sensor.residual(y[:, :, None], sensor.mean(state, k) + noise.mean[:, None, None])
     slope = _slope(sensor, state, k, linear)
     if not seen.all():
         error = np.where(seen[:, :, None], error, 0.0)
         slope = np.where(seen[:, None, :, None], slope, 0.0)
-    error, slope, variances = _decorrelated(error, slope, sensor.noise.cov, seen)
+    error, slope, variances = _decorrelated(error, slope, noise.cov, seen)
     shift = [np.zeros(x.shape[1:]) for _ in linear]
     squares, log_determinant = np.zeros(x.shape[1:]), np.zeros(x.shape[1:])
     for e, row, variance in zip(error, slope, variances, strict=True):

@@ -133,23 +133,27 @@ class AdditiveTransition:
 class AdditiveSensor:
     """y_k = mean(x_k, k) + v_k with v_k from `noise`; components listed in `angles` are in radians and wrap.
 
-    mean: function of x[n, ...] and k, giving [m, ...]. jacobian_of_mean: analytic derivative [m, n, ...], derived by
-    dual numbers when left out.
+    mean: function of x[n, ...] and k, giving [m, ...]. noise: law of v[m], constant or a function of k. jacobian_of_mean:
+    analytic derivative [m, n, ...], derived by dual numbers when left out.
     """
 
     mean: Function
-    noise: Noise
+    noise: Noise | Callable[[int], Noise]
     angles: tuple[int, ...] = ()
     jacobian_of_mean: Function | None = None
 
     def __post_init__(self) -> None:
-        instance("AdditiveSensor.noise", self.noise, Law)
+        instance("AdditiveSensor.noise", self.noise_at(1), Law)
         object.__setattr__(self, "angles", places("AdditiveSensor.angles", self.angles, self.dim))
 
     @property
     def dim(self) -> int:
         """Number of measurement components m."""
-        return len(self.noise.mean)
+        return len(self.noise_at(1).mean)
+
+    def noise_at(self, k: int) -> Noise:
+        """Law of v_k."""
+        return self.noise(k) if callable(self.noise) else self.noise
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Derivative of the mean with respect to x[n, ...]: [m, n, ...]."""
@@ -165,7 +169,7 @@ class AdditiveSensor:
 
     def sample(self, rng: Generators, x: Array, k: int) -> Array:
         """Draws of y_k [m, R, ...] given x_k = x[n, R, ...]."""
-        y = self.mean(x, k) + self.noise.sample(rng, x.shape[1:])
+        y = self.mean(x, k) + self.noise_at(k).sample(rng, x.shape[1:])
         for i in self.angles:
             y[i] = wrap(y[i])
         return y
@@ -173,16 +177,17 @@ class AdditiveSensor:
     def logpdf(self, z: Array, x: Array, k: int) -> Array:
         """Log-density of y_k = z[m, R] given x_k = x[n, R, ...]: [R, ...]; missing components drop out."""
         expected = self.mean(x, k)
-        return self.noise_logpdf(z, self.residual(z.reshape(*z.shape, *(1,) * (expected.ndim - z.ndim)), expected))
+        return self.noise_logpdf(z, self.residual(z.reshape(*z.shape, *(1,) * (expected.ndim - z.ndim)), expected), k)
 
-    def noise_logpdf(self, z: Array, error: Array) -> Array:
+    def noise_logpdf(self, z: Array, error: Array, k: int) -> Array:
         """Log-density of the noise at error[m, R, ...], over those components that are not NaN in z[m, R]: [R, ...]."""
+        noise = self.noise_at(k)
         if not np.isnan(z).any():
-            return self.noise.logpdf(error)
+            return noise.logpdf(error)
         total = np.zeros(error.shape[1:])
         for rows, runs in outage_patterns(z):
             if rows:
-                total[runs] = self.noise.marginal(rows).logpdf(error[np.asarray(rows)[:, None], runs])
+                total[runs] = noise.marginal(rows).logpdf(error[np.asarray(rows)[:, None], runs])
         return total
 
 
@@ -263,7 +268,7 @@ def is_linear_gaussian(model: StateSpaceModel) -> bool:
         and isinstance(sensor.mean, Affine)
         and not sensor.angles
         and isinstance(dynamics.noise_at(1), Gaussian)
-        and isinstance(sensor.noise, Gaussian)
+        and isinstance(sensor.noise_at(1), Gaussian)
     )
 
 

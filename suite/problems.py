@@ -160,7 +160,7 @@ PROBLEMS = (
         StateSpaceModel(
             PRIOR,
             AdditiveTransition(MOTION, StudentT(DISTURBANCE.cov, dof=4.0)),
-            AdditiveSensor(POSITION, StudentT(FIX.noise.cov, dof=3.0)),
+            AdditiveSensor(POSITION, StudentT(FIX.noise_at(1).cov, dof=3.0)),
         ),
         "Student t noises",
     ),

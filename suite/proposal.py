@@ -73,7 +73,7 @@ class Linearised:
         assert isinstance(self.model.sensor, AdditiveSensor)
         drawn = dynamics.disturbance(rng, shape, self.k)
         rest = self.error - _times(self.slope, drawn)
-        rest -= self.model.sensor.noise.sample(rng, shape)  # what was not observed meets a slope of 0
+        rest -= self.model.sensor.noise_at(self.k).sample(rng, shape)  # what was not observed meets a slope of 0
         rest = pointwise.solve_upper(self.lower, pointwise.solve_lower(self.lower, rest))
         drawn += self.predicted
         for row, weight in zip(self.cross, rest, strict=True):
@@ -86,7 +86,7 @@ class Linearised:
         sensor = self.model.sensor
         assert isinstance(sensor, AdditiveSensor)
         rest = self.error - _times(self.slope, x - self.predicted)
-        return sensor.logpdf(self.y, x, self.k) - sensor.noise_logpdf(self.y, rest)
+        return sensor.logpdf(self.y, x, self.k) - sensor.noise_logpdf(self.y, rest, self.k)
 
     def evidence(self) -> Array:
         """log N(nu; 0, S) [R, N]: likelihood of the measurement under the linear sensor, given the parent."""
@@ -100,7 +100,7 @@ def accepts(model: StateSpaceModel) -> str | None:
     for part, law, kind in (("process", model.dynamics, AdditiveTransition), ("measurement", model.sensor, AdditiveSensor)):
         if not isinstance(law, AdditiveTransition | AdditiveSensor) or not isinstance(law, kind):
             return f"its {part} noise is not additive"
-        noise = law.noise_at(1) if isinstance(law, AdditiveTransition) else law.noise
+        noise = law.noise_at(1)
         if not isinstance(noise, Gaussian) or noise.mean.any():
             return f"its {part} noise is not Gaussian with mean zero"
     at = model.prior.mean[:, None, None]
@@ -112,11 +112,12 @@ def accepts(model: StateSpaceModel) -> str | None:
     return None
 
 
-def centred_noise(dynamics: AdditiveTransition, k: int) -> Gaussian:
-    """The law of w_k. Raises ValueError when at this step it is not Gaussian with mean zero, as it was at the first."""
-    noise = dynamics.noise_at(k)
+def centred_noise(law: AdditiveTransition | AdditiveSensor, k: int) -> Gaussian:
+    """The noise at step k. Raises ValueError when it is not Gaussian with mean zero there, as it was at the first."""
+    noise = law.noise_at(k)
     if not isinstance(noise, Gaussian) or noise.mean.any():
-        raise ValueError("the process noise of this step is not Gaussian with mean zero, as that of the first is")
+        part = "process" if isinstance(law, AdditiveTransition) else "measurement"
+        raise ValueError(f"the {part} noise of this step is not Gaussian with mean zero, as that of the first is")
     return noise
 
 
@@ -150,7 +151,7 @@ def linearise(model: StateSpaceModel, x: Array, y: Array, k: int) -> Linearised:
     expected, slope = sensor.linearised(predicted, k)
     error = sensor.residual(y[:, :, None], expected)
     seen = np.isfinite(y)
-    noise = np.repeat(sensor.noise.cov[:, :, None, None], y.shape[1], axis=2)
+    noise = np.repeat(centred_noise(sensor, k).cov[:, :, None, None], y.shape[1], axis=2)
     if not seen.all():
         both = (seen[:, None] & seen[None])[..., None]
         noise = np.where(both, noise, np.eye(len(y))[:, :, None, None])

@@ -87,7 +87,11 @@ def known(told: Description, frame: Frame, names: Sequence[str], instants: Seque
         raise BadInput(f"{table.at(rows[step], 'time')}: the truth {end} {gap:g} s {side} measurement to be estimated")
     x = np.full((len(instants), len(names)), np.nan)
     degrees = np.array([np.pi / 180 if n in ("latitude", "longitude") else 1.0 for n in place])
-    positions = [frame.position(degrees * [table.number(row, n) for n in place]) for row in rows]
+    places = [degrees * [table.number(row, n) for n in place] for row in rows]
+    if told.coordinates.geodetic:
+        for row in rows:
+            _on_globe(places[row][0], table, row, "latitude")
+    positions = [frame.position(at) for at in places]
     x[:, :d] = np.transpose([np.interp(at, since, column) for column in np.transpose(positions)])
     for i, name in enumerate(names[d:], start=d):
         if name in table.cells:
@@ -123,10 +127,15 @@ def _reading(told: Description, table: Columns, row: int, where: tuple[int, Sequ
         if column not in ("time", "sensor", *columns, *pairs) and not table.blank(row, column):
             raise BadInput(f"{table.at(row, column)}: sensor {instrument.name!r} has no such component")
     y = np.array([table.number(row, c) for c in columns]) * instrument.scale
-    if instrument.components[0] == "latitude" and abs(y[0]) > np.pi / 2:
-        raise BadInput(f"{table.at(row, columns[0])}: a latitude must be from -90 to 90 degrees")
+    if instrument.components[0] == "latitude":
+        _on_globe(y[0], table, row, columns[0])
     given = any(c in table.cells and not table.blank(row, c) for c in pairs)
     return Reading(table.instant(row, told.time), sensor, y, _covariance(table, row, instrument) if given else None)
+
+
+def _on_globe(latitude: float, table: Columns, row: int, column: str) -> None:
+    if abs(latitude) > np.pi / 2:
+        raise BadInput(f"{table.at(row, column)}: a latitude must be from -90 to 90 degrees")
 
 
 def _covariance(table: Columns, row: int, instrument: Instrument) -> Array:

@@ -9,22 +9,21 @@ the position, and what else of the state is known, in m, m/s, m/s², rad/s, and 
 import functools
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from suite.angles import wrap
-from suite.case import Case, Divergence, Equation, StateBlock, Truth
+from suite.case import RECORDED, Case, Divergence, Equation, StateBlock, Truth
 from suite.columns import instant
 from suite.description import FIRST_FIX, MOTIONS, TIME, Description, describe
 from suite.errors import BadInput
 from suite.kinematics import Station, coordinated_turn, polynomial, stacked
 from suite.linalg import Array
-from suite.model import AdditiveSensor, AdditiveTransition, Affine, Sensor, StateSpaceModel
+from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
-from suite.nonadditive import NonadditiveSensor
 from suite.random import Generators
 from suite.readings import Frame, Reading, known, recorded
 
@@ -37,6 +36,8 @@ FORMULAS = {
     "constant-acceleration": ("Nearly constant acceleration", r"\dddot r = w"),
     "coordinated-turn": ("Nearly coordinated turn", r"\ddot x = -\omega \dot y + w_x, \quad \ddot y = \omega \dot x + w_y"),
 }
+LONGEST = 1e15
+"""Seconds that a recording may take: far beyond, powers of times overflow."""
 Stations = Sequence[Station | None]
 
 
@@ -51,13 +52,17 @@ def load(path: Path | str) -> Case:
         raise BadInput(f"{told.measurements}: nothing is measured after the first fix")
     instants = sorted({r.instant for r in used})
     intervals = [(b - a) * TIME[told.time] for a, b in itertools.pairwise([start, *instants])]
-    y, noises = _measured(told, used, instants)
+    times = [(at - start) * TIME[told.time] for at in instants]
+    if times[-1] > LONGEST or (np.diff([0.0, *times]) <= 0).any():
+        raise BadInput(f"{told.measurements}: its times lie too far apart or too close together for floating point")
+    even = max(intervals) - min(intervals) < 1e-6 * max(intervals)
+    y, noise = _measured(told, used, instants)
     names = {part: _names(part, frame) for part in ("position", *MOTIONS[told.motion.kind])}
     state, n = tuple(itertools.chain(*names.values())), len(prior.mean)
     model = StateSpaceModel(
         prior,
         _dynamics(told, intervals),
-        _sensor(told, stations, n, noises),
+        _sensor(told, stations, n, noise),
         linear=tuple(range(frame.dimensions, n - len(names.get("turn_rate", ())))),
     )
     return Case(
@@ -75,12 +80,14 @@ def load(path: Path | str) -> Case:
         divergence=Divergence("position", told.limit, told.steps),
         reference=f"a recording of one's own, {told.measurements.name}",
         equations=(Equation(*FORMULAS[told.motion.kind]),),
-        assumptions=_assumptions(told, intervals, len(readings) - len(used)),
+        assumptions=_assumptions(told, len(readings) - len(used)),
         plane=(0, 1),
         landmarks=tuple(
             (i.name, float(s.place[0]), float(s.place[1])) for i, s in zip(told.instruments, stations, strict=True) if s
         ),
         model=model,
+        origin=RECORDED,
+        times=() if even else tuple(times),
         generate=functools.partial(_replayed, known(told, frame, state, instants), y),
         data=tuple(p for p in (told.path, told.measurements, told.truth) if p),
     )
@@ -116,8 +123,10 @@ def _prior(told: Description, readings: Sequence[Reading], frame: Frame, station
     raise BadInput(f"{where}: no sensor measures a position by itself; state a start with its time and position")
 
 
-def _measured(told: Description, used: Sequence[Reading], instants: Sequence[float]) -> tuple[Array, list[Array] | None]:
-    """Measurements y[T, m], NaN where not reported, and the covariance [m, m] of every step where rows have their own."""
+def _measured(
+    told: Description, used: Sequence[Reading], instants: Sequence[float]
+) -> tuple[Array, Gaussian | Callable[[int], Gaussian]]:
+    """Measurements y[T, m], NaN where not reported, and their noise: a law a step where rows have covariances of their own."""
     ends = list(itertools.accumulate((len(i.components) for i in told.instruments), initial=0))
     angles = [name in ANGLES for i in told.instruments for name in i.components]
     step = {at: k for k, at in enumerate(instants)}
@@ -130,7 +139,10 @@ def _measured(told: Description, used: Sequence[Reading], instants: Sequence[flo
         if r.cov is not None:
             noises[step[r.instant]][rows, rows] = r.cov
     y[:, angles] = wrap(y[:, angles])
-    return y, noises if any(r.cov is not None for r in used) else None
+    if all(r.cov is None for r in used):
+        return y, Gaussian.noise(nominal)
+    laws = [Gaussian.noise(cov) for cov in noises]
+    return y, lambda k: laws[k - 1]
 
 
 def _dynamics(told: Description, intervals: Sequence[float]) -> AdditiveTransition:
@@ -141,35 +153,19 @@ def _dynamics(told: Description, intervals: Sequence[float]) -> AdditiveTransiti
     return polynomial(intervals, motion.density, order=len(MOTIONS[motion.kind]))
 
 
-def _sensor(told: Description, stations: Stations, n: int, noises: Sequence[Array] | None) -> Sensor:
-    """All sensors, one below the other; their noise is inside the function where it differs from step to step."""
+def _sensor(told: Description, stations: Stations, n: int, noise: Gaussian | Callable[[int], Gaussian]) -> AdditiveSensor:
+    """All sensors, one below the other."""
     angles = tuple(j for j, name in enumerate(c for i in told.instruments for c in i.components) if name in ANGLES)
     pairs = list(zip(told.instruments, stations, strict=True))
     d = told.coordinates.dimensions
     mean = stacked([s.look(i.components) if s else lambda x: [x[j] for j in range(d)] for i, s in pairs])
-    if noises is None:
-        noise = Gaussian.diagonal(np.concat([i.std for i in told.instruments]) ** 2)
-        linear = not any(stations)
-        return AdditiveSensor(Affine(np.tile(np.eye(d, n), (len(pairs), 1))) if linear else mean, noise, angles)
-    laws = [Gaussian.noise(cov) for cov in noises]
-
-    def noisy(x: Array, v: Array, k: int) -> Array:
-        expected = mean(x, k)
-        lower = laws[k - 1].lower
-        return np.stack([expected[i] + sum(e * v[j] for j, e in enumerate(row) if e) for i, row in enumerate(lower)])
-
-    def density(z: Array, x: Array, k: int) -> Array:
-        return AdditiveSensor(mean, laws[k - 1], angles).logpdf(z, x, k)
-
-    m = len(noises[0])
-    return NonadditiveSensor(noisy, Gaussian.diagonal(np.ones(m)), m, angles, density)
+    linear = Affine(np.tile(np.eye(d, n), (len(pairs), 1)))
+    return AdditiveSensor(mean if any(stations) else linear, noise, angles)
 
 
-def _assumptions(told: Description, intervals: Sequence[float], dropped: int) -> tuple[str, ...]:
+def _assumptions(told: Description, dropped: int) -> tuple[str, ...]:
     """What was done to the recording."""
-    found = [f"Times are irregular: {min(intervals):g} to {max(intervals):g} s apart; drawings space the steps evenly."]
-    if max(intervals) - min(intervals) < 1e-6 * max(intervals):
-        found = []
+    found = []
     if told.prior.start == FIRST_FIX:
         found.append(f"The prior is the first measured position; measurements until then ({dropped}) are not used again.")
     if told.coordinates.geodetic:

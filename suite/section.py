@@ -112,7 +112,7 @@ class Section:
 def parse(path: Path) -> Section:
     """The whole of a TOML file. Raises BadInput when it cannot be read."""
     try:
-        return Section(path, "", tomllib.loads(path.read_text(encoding="utf-8")))
+        return Section(path, "", tomllib.loads(path.read_text(encoding="utf-8-sig")))
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

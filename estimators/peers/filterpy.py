@@ -69,7 +69,7 @@ class Observed:
     @property
     def cov(self) -> Array:
         """Covariance of the noise."""
-        return self.sensor.noise.marginal(tuple(self.rows.tolist())).cov if len(self.rows) else np.zeros((0, 0))
+        return self.sensor.noise_at(self.k).marginal(tuple(self.rows.tolist())).cov if len(self.rows) else np.zeros((0, 0))
 
     @property
     def wraps(self) -> bool:
@@ -78,7 +78,7 @@ class Observed:
 
     def mean(self, x: Array) -> Array:
         """Measurement expected in a state."""
-        return (self.sensor.mean(x.reshape(-1, 1), self.k)[:, 0] + self.sensor.noise.mean)[self.rows]
+        return (self.sensor.mean(x.reshape(-1, 1), self.k)[:, 0] + self.sensor.noise_at(self.k).mean)[self.rows]
 
     def jacobian(self, x: Array) -> Array:
         """Derivative of the measurement with respect to the state."""

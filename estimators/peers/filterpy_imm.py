@@ -110,7 +110,7 @@ def has_matrices(model: StateSpaceModel) -> bool:
         and isinstance(dynamics.mean, Affine)
         and isinstance(sensor.mean, Affine)
         and (sensor.mean.offset is None or not sensor.mean.offset.any())
-        and not sensor.noise.mean.any()
+        and not sensor.noise_at(1).mean.any()
         and not sensor.angles
     )
 

@@ -4,10 +4,11 @@ import numpy as np
 import pandas
 import pytest
 
-from cases import CASES
+from cases import multistatic_radar
 from cases.multistatic_radar import FLIGHT, OUTAGES, PAIRS, SITES, bistatic, flight, observed
 
-NAMES = [name for name in CASES if name.startswith("multistatic-radar/")]
+CASES = {case.name: case for case in multistatic_radar.CASES}
+NAMES = list(CASES)
 TRACK = pandas.read_csv(FLIGHT)
 RADIUS = 6_371_000.0  # m, of a round earth
 
@@ -43,6 +44,16 @@ def test_sites_are_the_corners_of_twenty_kilometres():
     for a, b in zip(around, around[1:] + around[:1], strict=True):
         assert np.hypot(a[0] - b[0], a[1] - b[1]) == 20_000
     assert all(20 <= height <= 60 for _, _, height in SITES.values())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_blocks_and_the_quadrilateral(name):
+    case = CASES[name]
+    components = {block.name: block.components for block in case.blocks}
+    assert (components["position"], components["velocity"], components["height"]) == ((0, 1, 2), (3, 4, 5), (2,))
+    (region,) = case.regions
+    x, y = flight()[:, 0], flight()[:, 1]
+    np.testing.assert_array_equal(region.holds(x, y), (np.abs(x) < 10_000) & (np.abs(y) < 10_000))
 
 
 def test_bistatic_by_plain_loops():

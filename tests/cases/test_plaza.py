@@ -8,6 +8,7 @@ from scipy import stats
 from cases.plaza import BEACONS, CASES, FAST, SLOW, recorded
 from estimators.ekf import Extended
 from estimators.ukf import Unscented
+from suite.case import RECORDED
 
 BY_NAME = {case.name: case for case in CASES}
 DRIVES = {"plaza1": SLOW, "plaza2": FAST}
@@ -148,6 +149,8 @@ def test_every_run_is_the_recorded_drive(name):
     t, y, x = recorded(SLOW if name == "ranging/plaza" else FAST)
     assert case.steps == len(t) - 1
     assert abs(case.interval - np.diff(t).mean()) < 0.001
+    np.testing.assert_allclose(case.time, t[1:] - t[0], atol=6e-5)
+    assert case.origin == RECORDED
     for r in range(2):
         np.testing.assert_array_equal(truth.x[..., r], x[1:])
         np.testing.assert_array_equal(truth.y[..., r], y[1:])

@@ -156,8 +156,8 @@ def test_divergence_needs_its_steps_on_end():
 
 def test_longest_streak():
     flags = np.array([[1, 1, 0, 1, 0, 1], [0, 1, 1, 1, 1, 1]], bool).T
-    np.testing.assert_array_equal(longest_streak(flags), [2, 5])
-    np.testing.assert_array_equal(longest_streak(np.zeros((4, 2), bool)), [0, 0])
+    np.testing.assert_array_equal(longest_streak(flags, np.ones_like(flags)), [2, 5])
+    np.testing.assert_array_equal(longest_streak(np.zeros((4, 2), bool), np.ones((4, 2), bool)), [0, 0])
 
 
 def test_failed_and_lost_runs():

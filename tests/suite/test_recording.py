@@ -10,10 +10,12 @@ from scipy import constants, special, stats
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag
 
+from estimators import ESTIMATORS
 from estimators.bootstrap import ESTIMATORS as BOOTSTRAP
 from estimators.ekf import Extended
 from estimators.kalman import Kalman
 from estimators.ukf import ESTIMATORS as UKF
+from suite.case import RECORDED
 from suite.description import TIME, TURN_DENSITY
 from suite.estimator import OK
 from suite.jacobian import value_and_derivative
@@ -25,6 +27,7 @@ from tests.oracles import generators
 from tests.recordings import (
     CSV,
     FLIGHT,
+    GPS,
     OWN,
     PIER,
     POLAR,
@@ -35,6 +38,7 @@ from tests.recordings import (
     TOML,
     TRUTH,
     changed,
+    fix,
     integrated,
     own_steps,
     polar,
@@ -158,6 +162,34 @@ def test_a_first_fix_in_polar_coordinates_has_the_covariance_of_its_ellipse(made
 
 def test_rows_with_covariances_of_their_own_agree_with_a_textbook(made):
     agrees(Extended(), made(csv=OWN), textbook(PRIOR_MEAN, np.diag(PRIOR_STD**2), -2.5, own_steps()))
+
+
+def test_kalman_takes_positions_with_covariances_of_their_own(made):
+    toml = changed(without(without(TOML, "truth"), "place"), "range-bearing", "position")
+    toml = changed(changed(toml, '"km", "deg"', '"m", "m"'), '"0.4 deg"', '"9 m"')
+    csv = "time,sensor,z1,z2,cov11,cov12,cov22\n0,pier,1100,1960,900,50,400\n1.5,gps,1090,1930,4,,9\n3,pier,1085,1915,,,\n"
+    expected = [
+        (0.0, [(fix, np.array([1100.0, 1960.0]), np.array([[900.0, 50.0], [50.0, 400.0]]), GPS[2])]),
+        (1.5, [(fix, np.array([1090.0, 1930.0]), np.diag([4.0, 9.0]), GPS[2])]),
+        (3.0, [(fix, np.array([1085.0, 1915.0]), np.diag([15.0, 9.0]) ** 2, GPS[2])]),
+    ]
+    agrees(Kalman(), made(toml, csv), textbook(PRIOR_MEAN, np.diag(PRIOR_STD**2), -2.5, expected))
+
+
+def test_no_filter_minds_covariances_of_rows(made):
+    with_them, without_them = made(csv=OWN).model, made().model
+    for name, estimator in ESTIMATORS.items():
+        assert estimator.accepts(with_them) == estimator.accepts(without_them), name
+
+
+def test_irregular_times_are_those_of_the_steps(made):
+    case = made()
+    assert case.origin == RECORDED
+    np.testing.assert_allclose(case.time, [2.5, 4.0, 11.5], rtol=1e-15)
+    even = made(csv="time,sensor,range,bearing,x,y\n-2.4,gps,,,1,2\n-2.3,gps,,,1,2\n-2.2,gps,,,1,2\n")
+    assert (even.times, even.interval) == ((), pytest.approx(0.1))
+    np.testing.assert_allclose(even.time, [0.1, 0.2, 0.3])
+    assert not any("time" in said for said in (*case.assumptions, *even.assumptions))
 
 
 def test_rows_with_covariances_of_their_own_have_their_density(made):

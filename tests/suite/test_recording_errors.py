@@ -1,6 +1,11 @@
 """What is wrong with a recording is said in one line that names file, line and column, or file, table and key."""
 
+import io
+
+import numpy as np
 import pandas
+import pyarrow
+import pyarrow.parquet
 import pytest
 
 from suite.errors import BadInput
@@ -100,7 +105,20 @@ MEASUREMENTS = [
     (changed(CSV, "1090,1930", "1090"), "ferry.csv, line 3: has 5 cells, the header has 6"),
     (changed(CSV, "1.5,pier", "1.5,gps").replace("2.2,38.0,,", ",,1,2"),
      "ferry.csv, line 4: sensor 'gps' reports twice at one time"),
-    (CSV + '9,gps,"', "ferry.csv: is no CSV: Error: unexpected end of data"),
+    (CSV + '9,gps,"', "ferry.csv, line 6: is no CSV: Error: unexpected end of data"),
+    (changed(CSV, "1090,1930", "1090,1_9"), "ferry.csv, line 3, column 'y': must be a number, got '1_9'"),
+    (changed(CSV, "1090,1930", '"1090,5",1930'), "ferry.csv, line 3, column 'x': must be a number, got '1090,5'"),
+    (changed(CSV, "2.2,38.5", "2,2,38,5"), "ferry.csv, line 2: has 8 cells, the header has 6"),
+    (changed(CSV, "time,sensor", '"time\nin s",sensor'),
+     "ferry.csv: the column 'time' is missing; there are time in s, sensor, range, bearing, x, y"),
+    (CSV.replace(",", ";").replace(".", ","),
+     "ferry.csv, line 1: columns must be separated by commas, not by semicolons, and decimals by points"),
+    (CSV.replace(",", "\t"), "ferry.csv, line 1: columns must be separated by commas, not by tabs, and decimals by points"),
+    ("<html>\n<p>time,sensor</p>\n", "ferry.csv, line 2: has 2 cells, the header has 1"),
+    (changed(CSV, "9,gps", "1e300,gps"),
+     "ferry.csv: its times lie too far apart or too close together for floating point"),
+    (changed(CSV, "9,gps", "1.5000000000000002,gps"),
+     "ferry.csv: its times lie too far apart or too close together for floating point"),
 ]  # fmt: skip
 HEADER = "time,sensor,range,bearing,x,y,cov11,cov12,cov22\n"
 COVARIANCES = [
@@ -179,6 +197,95 @@ def test_faults_of_times_and_places_on_the_globe(tmp_path):
     assert said(tmp_path, changed(stated, "2024-05-01T12:00:00Z", "12:00:00"), FLIGHT) == (
         "ferry.toml, [prior], start: must be a date and time in ISO 8601, got datetime.time(12, 0)"
     )
+
+
+@pytest.mark.parametrize(
+    ("content", "line"), [(CSV.encode("utf-16"), 1), (changed(CSV, "1.5,gps", "1.5,gpé").encode("latin-1"), 3)]
+)
+def test_text_that_is_not_utf_8(tmp_path, content, line):
+    (tmp_path / "ferry.csv").write_bytes(content)
+    assert said(tmp_path, TOML, None) == f"ferry.csv, line {line}: is no text in UTF-8"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where"),
+    [
+        ('"46.017 deg"', '"96.017 deg"', "[coordinates]: a latitude in origin"),
+        ('"46.5 deg"', '"-90.5 deg"', "[sensors.radar]: a latitude in place"),
+    ],
+)
+def test_latitudes_beyond_the_poles(tmp_path, old, new, where):
+    assert said(tmp_path, changed(THREE, old, new), FLIGHT) == f"ferry.toml, {where} must be from -90 to 90 degrees"
+
+
+def test_a_truth_beyond_the_poles(tmp_path):
+    toml = changed(THREE, 'time = "ISO 8601"', 'time = "ISO 8601"\ntruth = "truth.csv"')
+    truth = "time,latitude,longitude,height\n2024-05-01,45,7,0\n2024-05-02,95,7,0\n"
+    assert said(tmp_path, toml, FLIGHT, truth) == (
+        "truth.csv, line 3, column 'latitude': a latitude must be from -90 to 90 degrees"
+    )
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: text.replace("\n", "\r"),
+        lambda text: "\ufeff" + text,
+        lambda text: text.replace(",", " , "),
+        lambda text: text.rstrip("\n"),
+        lambda text: text.replace("\n", "\n\n"),
+        lambda text: "\n".join(",".join(f'"{cell}"' for cell in line.split(",")) for line in text.splitlines()),
+    ],
+    ids=["CRLF", "CR", "BOM", "spaces", "no last line end", "blank lines", "quotes"],
+)
+def test_texts_that_read_the_same(tmp_path, spoilt):
+    expected = write(tmp_path).simulate(1)
+    for name in ("ferry.csv", "truth.csv"):
+        (tmp_path / name).write_bytes(spoilt((tmp_path / name).read_text()).encode())
+    found = load(tmp_path / "ferry.toml").simulate(1)
+    np.testing.assert_array_equal(found.y, expected.y)
+    np.testing.assert_array_equal(found.x, expected.x)
+
+
+@pytest.mark.parametrize("spoilt", [lambda t: "\ufeff" + t, lambda t: t.replace("\n", "\r\n")], ids=["BOM", "CRLF"])
+def test_descriptions_from_windows_read_the_same(tmp_path, spoilt):
+    write(tmp_path)
+    (tmp_path / "ferry.toml").write_bytes(spoilt(TOML).encode())
+    assert load(tmp_path / "ferry.toml").title == "A ferry"
+
+
+def test_two_columns_of_one_name_in_a_parquet_file(tmp_path):
+    table = pyarrow.table([[0.0, 1.0], ["gps", "gps"], [1.0, 2.0], [1.0, 2.0]], names=["time", "sensor", "z1", "z1"])
+    pyarrow.parquet.write_table(table, tmp_path / "ferry.parquet")
+    toml = changed(TOML, "ferry.csv", "ferry.parquet")
+    assert said(tmp_path, toml, None) == "ferry.parquet: there are two columns 'z1'"
+
+
+PARQUET = pandas.read_csv(io.StringIO(FLIGHT)).assign(time=lambda f: pandas.to_datetime(f["time"], format="ISO8601", utc=True))
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        (PARQUET.drop(columns="z2"), ": the column 'z2' is missing; there are time, sensor, z1, z3, z4"),
+        (PARQUET.iloc[[1, 0, 2]], ", row 2, column 'time': is before the time of the row above"),
+        (PARQUET.replace("radar", "rader"), ", row 3, column 'sensor': unknown sensor 'rader'; did you mean 'radar'?"),
+        (PARQUET.replace("radar", None), ", row 3, column 'sensor': is blank"),
+        (PARQUET.assign(z3=None), ", row 1, column 'z3': a number is missing"),
+        (PARQUET.assign(z3="high"), ", row 1, column 'z3': must be a number, got 'high'"),
+        (PARQUET.assign(z3=True), ", row 1, column 'z3': must be a number, got True"),
+        (PARQUET.assign(z4=7.0), ", row 1, column 'z4': sensor 'gps' has no such component"),
+        (PARQUET.assign(time=[0.0, 1.0, 2.0]), ", row 1, column 'time': must be a date and time in ISO 8601, got 0.0"),
+        (PARQUET.assign(time=pandas.NaT), ", row 1, column 'time': a time is missing"),
+        (PARQUET.iloc[:0], ": is empty"),
+        (pandas.DataFrame(), ": is empty"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_faults_of_a_parquet_file(tmp_path, frame, message):
+    frame.to_parquet(tmp_path / "ferry.parquet")
+    assert said(tmp_path, changed(THREE, "ferry.csv", "ferry.parquet"), None) == f"ferry.parquet{message}"
 
 
 @pytest.mark.parametrize("kind", ["float", "Int64", "string"])

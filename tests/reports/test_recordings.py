@@ -1,0 +1,82 @@
+"""Figures of recordings: irregular times, and a truth that has gaps or is not known."""
+
+import dataclasses
+import re
+
+import numpy as np
+
+from reports import figures, series
+from reports.marks import marks
+from suite.case import Card, Divergence, StateBlock, Truth
+from suite.estimator import Estimate
+from suite.results import CaseResults, Cell
+
+TIMES = (0.5, 2.0, 2.25, 9.0)
+CARD = Card(
+    name="mine", title="Mine", summary="", steps=4, interval=1.0, state=("x", "y"),
+    blocks=(StateBlock("position", (0, 1), "m"),), divergence=Divergence("position", 5.0, 2), reference="",
+    plane=(0, 1), times=TIMES,
+)  # fmt: skip
+OFF = (7.0, 1.0, 3.0)
+"""How far the estimates of three runs are off on each axis."""
+
+
+def results(x, off=OFF):
+    """Results of one estimator on three runs of the truth x[T, n, R], off by so much; from 0 where it is not known."""
+    case = CaseResults(CARD, 1, [])
+    cell = Cell(case, "ekf", {})
+    mean = np.nan_to_num(x) + np.array(off)
+    cell.__dict__ |= {
+        "runs": [0, 1, 2],
+        "truth": Truth(x, np.zeros((4, 1, 3))),
+        "estimate": Estimate(mean, np.ones((4, 2, 2, 3))),
+    }
+    case.__dict__ |= {"truth_of": {r: Truth(x[..., r], np.zeros((4, 1))) for r in range(3)}}
+    case.cells["ekf"] = cell
+    return case
+
+
+def walked(*unknown):
+    """A truth [T, n, R], with NaN at these steps."""
+    x = np.cumsum(np.ones((4, 2, 3)), axis=0) * 100
+    x[list(unknown)] = np.nan
+    return x
+
+
+def test_lines_stand_at_the_times_of_the_steps():
+    (line,) = series.errors(results(walked()), ["ekf"])["position"]
+    np.testing.assert_array_equal(line.time, TIMES)
+    even = results(walked())
+    even.card = dataclasses.replace(CARD, times=())
+    (line,) = series.errors(even, ["ekf"])["position"]
+    np.testing.assert_array_equal(line.time, [1, 2, 3, 4])
+
+
+def test_steps_of_unknown_truth_are_gaps_in_a_line():
+    (line,) = series.errors(results(walked(1)), ["ekf"])["position"]
+    np.testing.assert_array_equal(np.isnan(line.value), [False, True, False, False])
+    assert line.hidden == 1
+
+
+def test_the_median_run_is_found_by_the_steps_that_are_known():
+    assert series.tracks(results(walked(1)), ["ekf"]).run == 2
+    assert series.tracks(results(walked(1), (3.0, 7.0, 1.0)), ["ekf"]).run == 0
+
+
+def test_without_a_truth_the_estimates_are_drawn_where_they_are():
+    track = series.tracks(results(walked(0, 1, 2, 3), (500.0, 500.0, 500.0)), ["ekf"])
+    track = dataclasses.replace(track, estimates={"ekf": track.estimates["ekf"] + np.arange(4.0)})
+    drawing = str(figures.ground(track, CARD, marks(["ekf"]), "fig", "Ground"))
+    ticks = [float(t) for t in re.findall(r"<text[^>]*>([\d.]+)</text>", drawing)]
+    assert min(ticks) > 400
+    assert max(ticks) < 600
+    assert "start" in drawing
+    nothing = dataclasses.replace(track, estimates={"ekf": np.full((2, 4), np.nan)})
+    assert figures.ground(nothing, CARD, marks(["ekf"]), "fig", "Ground") is None
+
+
+def test_a_truth_with_gaps_is_framed_where_it_is_known(monkeypatch):
+    seen, frame = [], figures.frame
+    monkeypatch.setattr(figures, "frame", lambda places, sites: seen.append(places) or frame(places, sites))
+    figures.ground(series.tracks(results(walked(0, 2)), ["ekf"]), CARD, marks(["ekf"]), "fig", "Ground")
+    np.testing.assert_array_equal(seen, [[[200, 400], [200, 400]]])
