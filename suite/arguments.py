@@ -62,7 +62,7 @@ def _run(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=_integer(0), default=1, metavar="S", help="seed of all random streams (default: 1)")
     add("--jobs", type=_integer(1), default=1, metavar="J", help="worker processes (default: 1)")
     add("--block", type=_integer(1), metavar="N", help="runs in a block of work (default: the profile's)")
-    add("--time-limit", type=_seconds, default=600.0, metavar="SECONDS", help="for one block of work (default: 600)")
+    add("--time-limit", type=_seconds, metavar="SECONDS", help="for one block of work (default: the profile's)")
     add("--results", default="results", metavar="DIR", help="results folder (default: results)")
     add("--retry-failed", action="store_true", help="run again the stored blocks in which something failed")
     add("--dry-run", action="store_true", help="say what would run, and run nothing")

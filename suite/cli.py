@@ -123,7 +123,7 @@ def _run(options: argparse.Namespace) -> int:
     context = Context(options.results, load_catalog, tuple(options.plugin), options.command_line)
     try:
         with Progress(len(planned.blocks)) as progress:
-            outcome = execute(planned, context, options.jobs, options.time_limit, progress.advance)
+            outcome = execute(planned, context, options.jobs, options.time_limit or profile.time_limit, progress.advance)
     finally:  # a worker that was stopped may have been writing
         Store(options.results).sweep()
     return _conclude(outcome, known, options)

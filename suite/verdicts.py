@@ -9,6 +9,10 @@ from suite.metrics import METRICS, Score
 from suite.published import NOT_REPRODUCED, REPRODUCED, Finding, Key, Published
 from suite.results import CaseResults
 
+UNSTATED = 100
+"""Runs that a paper is taken to average over when it does not say: what is usual in this field."""
+WIDE = 1.5
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -48,17 +52,19 @@ def measured(case: CaseResults, published: Published) -> Score | None:
     return score if score is not None and math.isfinite(score.low) and math.isfinite(score.high) else None
 
 
-def agrees(score: Score, published: Published) -> bool:
+def agrees(score: Score, published: Published) -> bool | None:
     """Whether a published value lies where an experiment of the paper's number of runs would put it, 95 times of 100.
 
-    Its own scatter is taken to be ours, scaled to its runs, or that of as many runs as ours where it does not tell how many;
-    both are on the scale of logarithms. Half a unit of its last printed digit is granted on top.
+    Its own scatter is taken to be ours, scaled to its runs, or to `UNSTATED` where it does not tell how many; both are on the
+    scale of logarithms. Half a unit of its last printed digit is granted on top. None where the scatter is so wide that a
+    value beyond `WIDE` times the other would still agree: then nothing is decided.
     """
     assert published.value is not None
     if score.low <= 0 or published.value <= 0:
         return score.low <= published.value <= score.high
     ours = math.log(score.high / score.low) / 2
-    theirs = ours * math.sqrt(score.runs / published.runs) if published.runs else ours
+    theirs = ours * math.sqrt(score.runs / (published.runs or UNSTATED))
     last = Decimal(str(published.value)).as_tuple().exponent
     rounding = 0.5 * 10.0 ** int(last) / published.value
-    return abs(math.log(published.value / score.value)) <= math.hypot(ours, theirs) + rounding
+    allowed = math.hypot(ours, theirs) + rounding
+    return None if allowed > math.log(WIDE) else abs(math.log(published.value / score.value)) <= allowed
