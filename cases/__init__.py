@@ -1,5 +1,7 @@
 """The cases of filterbench, in report order; one file a scenario family, `data/` for recorded tracks."""
 
+from pathlib import Path
+
 from cases import (
     ballistic,
     bearings_only,
@@ -20,6 +22,7 @@ from cases import (
     vincennes,
 )
 from suite.case import Case
+from suite.published import findings
 from suite.registry import Registry
 
 MODULES = (
@@ -43,3 +46,5 @@ MODULES = (
 )
 
 CASES: Registry[Case] = Registry("case", [case for module in MODULES for case in module.CASES])
+FINDINGS = findings(Path(__file__).with_name("findings.toml"))
+"""What became of the published figures; kept apart from the cases, since results do not depend on it."""

@@ -9,7 +9,7 @@ from suite.case import FROM_ANOTHER, Case, Divergence, Equation, StateBlock, dra
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian
-from suite.published import Published
+from suite.published import Experiment, Published
 
 # Symbols as in the reference. State (x, y, vx, vy, x5) in km, km, km/s, km/s and no unit.
 DT = 0.1  # s, time between measurements, and of Euler's rule
@@ -60,6 +60,8 @@ REALITY = replace(
     dynamics=AdditiveTransition(fall, process_noise(0.0), gain=TO_VELOCITY_AND_X5),
 )
 
+FILTERS = ("ekf", "ukf", "ckf")
+
 CASES = (
     Case(
         name="re-entry",
@@ -107,9 +109,10 @@ CASES = (
         ),
         published=tuple(
             Published(method, "root mean square error of the position, the mean over runs of each run's", 0.0084, "km",
-                      "manual of the EKF/UKF toolbox, re-entry vehicle tracking, table of errors", "100 runs")
-            for method in ("extended Kalman filter", "unscented Kalman filter", "cubature Kalman filter")
+                      "manual of the EKF/UKF toolbox, re-entry vehicle tracking, errors", "", "run-rmse", "position", 100)
+            for method in FILTERS
         ),
+        experiment=Experiment(100, FILTERS),
         plane=(0, 1),
         landmarks=(("radar", R0, 0.0),),
         model=MODEL,

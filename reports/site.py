@@ -19,22 +19,24 @@ from reports.sentences import headline
 from reports.text import count, grouped, listed, slugs
 from reports.views import PERCENT, private, view
 from suite.errors import BadInput
+from suite.published import Finding, Key
 from suite.results import Results
 
 MANIFEST = "_filterbench_site.json"
+NONE: Mapping[Key, Finding] = {}
 STATIC = ("static/style.css", "static/site.js")
 _OURS = re.compile(r"(index|provenance|case-[a-z0-9-]+)\.html|static/(style\.css|site\.js)")
 _TEMPORARY = re.compile(r"\.filterbench-(\d+)\..+\.tmp")
 
 
-def build(loaded: Results, out: Path, command: str) -> Path:
-    """Write the site of the results to the folder `out`, and return it.
+def build(loaded: Results, out: Path, command: str, findings: Mapping[Key, Finding] = NONE) -> Path:
+    """Write the site of the results to the folder `out`, with what was found of published figures, and return it.
 
     Pages of a former site that are no longer due are removed, other files left alone. Raises BadInput when `out` is
     a file, a folder that holds other things, or cannot be written.
     """
     former = _former(out)
-    pages = render(loaded, command)
+    pages = render(loaded, command, findings)
     try:
         (out / "static").mkdir(parents=True, exist_ok=True)
         _sweep(out)
@@ -50,7 +52,7 @@ def build(loaded: Results, out: Path, command: str) -> Path:
     return out
 
 
-def render(loaded: Results, command: str) -> dict[str, str]:
+def render(loaded: Results, command: str, findings: Mapping[Key, Finding] = NONE) -> dict[str, str]:
     """All files of the site by name."""
     environment = _environment()
     labels = loaded.labels
@@ -74,7 +76,7 @@ def render(loaded: Results, command: str) -> dict[str, str]:
     found: dict[str, str] = {}
     for name in names:  # one case after the other, so that the estimates of one only are held
         case = view(private(loaded.cases[name]), labels)
-        found[pages[name]] = _page(environment, "case", shared | case_page.context(case, labels, marked))
+        found[pages[name]] = _page(environment, "case", shared | case_page.context(case, labels, marked, findings))
         cases.append(dataclasses.replace(case, results=loaded.cases[name]))
     matrix = overview.context(cases, labels, pages)
     found["index.html"] = _page(environment, "overview", shared | matrix | {"headline": headline(cases), "cases": cases})

@@ -40,6 +40,12 @@ def quantity(score: Score, metric: Metric) -> Quantity:
     return Quantity(shown[0], unit, f"{shown[1]} to {shown[2]}{percent}")
 
 
+def within(value: float, low: float, high: float, unit: str) -> str:
+    """A value with its interval, in the digits that the interval supports, and its unit."""
+    shown = [number(x, place(value, low, high)) for x in (value, low, high)]
+    return f"{shown[0]} ({shown[1]} to {shown[2]}){' ' + unit if unit else ''}"
+
+
 def _scale(score: Score, metric: Metric) -> tuple[float, str]:
     if metric.binomial:
         return 100.0, "%"

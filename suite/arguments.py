@@ -23,6 +23,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         ("check", "hold estimators against the rules that all of them keep", _check),
         ("run", "run estimators on cases and store what comes out", _run),
         ("score", "compute metrics from stored results", _score),
+        ("verify", "hold stored results against published figures and the verdicts recorded on them", _verify),
         ("report", "render stored results as a static HTML site", _report),
     ):
         add(commands.add_parser(name, help=words, description=words, allow_abbrev=False))
@@ -51,7 +52,8 @@ def _check(parser: argparse.ArgumentParser) -> None:
 
 def _run(parser: argparse.ArgumentParser) -> None:
     quick, paper = PROFILES["quick"], PROFILES["paper"].runs
-    words = f"quick: {quick.runs} runs a cell, {quick.fewest} where there are many steps (default); paper: {paper}"
+    words = f"quick: {quick.runs} runs a cell, {quick.fewest} where there are many steps (default); "
+    words += f"paper: where a case has a paper's experiment, that one, else {paper} runs a cell"
     _selection(parser)
     _plugin(parser)
     add = parser.add_argument
@@ -60,7 +62,7 @@ def _run(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=_integer(0), default=1, metavar="S", help="seed of all random streams (default: 1)")
     add("--jobs", type=_integer(1), default=1, metavar="J", help="worker processes (default: 1)")
     add("--block", type=_integer(1), metavar="N", help="runs in a block of work (default: the profile's)")
-    add("--time-limit", type=_seconds, default=600.0, metavar="SECONDS", help="for one block of work (default: 600)")
+    add("--time-limit", type=_seconds, metavar="SECONDS", help="for one block of work (default: the profile's)")
     add("--results", default="results", metavar="DIR", help="results folder (default: results)")
     add("--retry-failed", action="store_true", help="run again the stored blocks in which something failed")
     add("--dry-run", action="store_true", help="say what would run, and run nothing")
@@ -71,6 +73,11 @@ def _score(parser: argparse.ArgumentParser) -> None:
     _several(parser, "-m", "--metric", "metrics")
     _stored(parser)
     parser.add_argument("--format", choices=("table", "csv", "json"), default="table", help="how to print (default: table)")
+
+
+def _verify(parser: argparse.ArgumentParser) -> None:
+    _several(parser, "-c", "--case", "cases")
+    _stored(parser)
 
 
 def _report(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""The command line: list, check, run, score, report."""
+"""The command line: list, check, run, score, verify, report."""
 
 import argparse
 import contextlib
@@ -13,7 +13,7 @@ from typing import Any
 
 import cases
 from estimators import ESTIMATORS
-from suite import parameters, plan, recording, results, score
+from suite import parameters, plan, recording, results, score, verdicts
 from suite.arguments import parse
 from suite.errors import BadInput, near
 from suite.examination import examine, summary
@@ -24,7 +24,7 @@ from suite.record import Report
 from suite.registry import Catalog, catalog
 from suite.run import Outcome, execute
 from suite.store import Store
-from suite.tables import describe, print_scores, print_table
+from suite.tables import describe, print_scores, print_table, print_verdicts
 from suite.trial import measured
 from suite.worker import Context
 
@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a name that the terminal's encoding lacks is shown escaped
             stream.reconfigure(errors="backslashreplace")
-    commands = {"list": _list, "check": _check, "run": _run, "score": _score, "report": _report}
+    commands = {"list": _list, "check": _check, "run": _run, "score": _score, "verify": _verify, "report": _report}
     try:
         options = parse(arguments)
         options.command_line = shlex.join(["filterbench", *arguments])
@@ -123,7 +123,7 @@ def _run(options: argparse.Namespace) -> int:
     context = Context(options.results, load_catalog, tuple(options.plugin), options.command_line)
     try:
         with Progress(len(planned.blocks)) as progress:
-            outcome = execute(planned, context, options.jobs, options.time_limit, progress.advance)
+            outcome = execute(planned, context, options.jobs, options.time_limit or profile.time_limit, progress.advance)
     finally:  # a worker that was stopped may have been writing
         Store(options.results).sweep()
     return _conclude(outcome, known, options)
@@ -194,6 +194,19 @@ def _score(options: argparse.Namespace) -> int:
     return TROUBLE if loaded.damages else DONE
 
 
+def _verify(options: argparse.Namespace) -> int:
+    loaded = _load(options)
+    chosen = _matching("case", loaded.cases, options.case)
+    found = list(verdicts.verdicts([loaded.cases[name] for name in chosen], cases.FINDINGS))
+    print_verdicts(found)
+    broken = [v for v in found if v.broken]
+    for v in broken:
+        assert v.finding is not None
+        recorded, now = v.finding.verdict, "agree" if v.agrees else "do not agree"
+        _complain(f"{v.case}, {v.published.estimator}, {v.published.quantity}: recorded as {recorded}, but these results {now}")
+    return TROUBLE if broken or loaded.damages else DONE
+
+
 def _report(options: argparse.Namespace) -> int:
     from reports.site import build  # matplotlib takes a second to import; no other command needs it
 
@@ -201,7 +214,7 @@ def _report(options: argparse.Namespace) -> int:
     if folder.resolve() in [out.resolve(), *out.resolve().parents]:
         raise BadInput(f"--out {out} lies in the results folder {folder}; name a folder outside it")
     loaded = _load(options)
-    print((build(loaded, out, options.command_line) / "index.html").resolve())
+    print((build(loaded, out, options.command_line, cases.FINDINGS) / "index.html").resolve())
     return TROUBLE if loaded.damages else DONE
 
 

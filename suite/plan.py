@@ -20,7 +20,7 @@ ENGINE = "suite.work"
 
 @dataclass(frozen=True)
 class Profile:
-    """How much to compute: runs of each cell, fewer on long cases down to `fewest`, and runs in a block of work.
+    """How much to compute: runs of each cell, fewer on long cases down to `fewest`; runs in a block of work, and its seconds.
 
     as_published: on a case with an experiment, run that one instead, with its runs and its estimators.
     """
@@ -29,6 +29,7 @@ class Profile:
     runs: int
     fewest: int
     block: int
+    time_limit: float
     as_published: bool = False
 
     def runs_of(self, case: Case) -> int:
@@ -44,7 +45,11 @@ class Profile:
 
 STEPS = 100
 PROFILES = {
-    p.name: p for p in (Profile("quick", 12, fewest=4, block=6), Profile("paper", 100, fewest=100, block=10, as_published=True))
+    p.name: p
+    for p in (
+        Profile("quick", 12, fewest=4, block=6, time_limit=600.0),
+        Profile("paper", 100, fewest=100, block=5, time_limit=3600.0, as_published=True),
+    )
 }
 
 

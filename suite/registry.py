@@ -178,8 +178,8 @@ def _checked_case(entry: object, origin: str) -> Case:
 
 def _check_name(name: object, origin: str) -> None:
     """Names are typed in shells, stand in tables and patterns: no spaces, quotes, brackets or wildcards."""
-    if not isinstance(name, str) or not re.fullmatch(r"[\w.:+-]+", name):
-        raise BadInput(f"plug-in {origin}: the name {name!r} must consist of letters, digits and . : + - _")
+    if not isinstance(name, str) or not re.fullmatch(r"[\w.:+-]+(/[\w.:+-]+)*", name):
+        raise BadInput(f"plug-in {origin}: the name {name!r} must consist of letters, digits and . : + - _, and / within")
 
 
 def _installed() -> Iterator[tuple[ModuleType, str]]:

@@ -1,7 +1,8 @@
 """What the command line prints: tables of registry entries and of scores."""
 
+import itertools
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -11,6 +12,7 @@ from rich.text import Text
 from suite import parameters, score
 from suite.case import Case
 from suite.metrics import METRICS
+from suite.verdicts import Verdict
 
 
 def describe(entry: Any) -> str:
@@ -36,6 +38,20 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     Console(width=None if sys.stdout.isatty() else 160).print(table)
+
+
+def print_verdicts(found: Iterable[Verdict]) -> None:
+    """Print published figures beside what the results measure of them."""
+    for case, group in itertools.groupby(found, key=lambda v: v.case):
+        rows = []
+        for v in group:
+            p, s, recorded = v.published, v.score, v.finding.verdict if v.finding else "not examined"
+            theirs = "claim" if p.value is None else f"{p.value:g} {p.unit}".strip()
+            ours = f"{s.value:.4g} [{s.low:.4g}, {s.high:.4g}], {s.runs} runs" if s else "not here"
+            now = {None: "", True: "agrees", False: "differs"}[v.agrees]
+            rows.append((p.estimator, p.quantity, p.where, theirs, ours, now, recorded))
+        header = ("estimator", "quantity", "where", "published", "here, 95 % interval", "now", "recorded verdict")
+        print_table(case, header, rows)
 
 
 def print_scores(frame: Any) -> None:

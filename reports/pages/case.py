@@ -13,13 +13,16 @@ from reports.formula import mathml
 from reports.marks import Mark
 from reports.sentences import bounded, diverged
 from reports.series import Series, Tracks
-from reports.text import count, listed, number, tick
+from reports.text import count, listed, number, tick, within
 from reports.views import PERCENT, CaseView, CellView, Key
 from suite.case import with_unit
 from suite.case_bounds import BlockBound
 from suite.linalg import Array
 from suite.metrics import METRICS
+from suite.published import Finding
+from suite.published import Key as FigureKey
 from suite.results import CaseResults
+from suite.verdicts import Verdict, verdicts
 
 TABLE_ROWS = 60
 HEADS = {"rmse": "RMSE", "nees": "NEES"}
@@ -40,7 +43,9 @@ class FigureView:
     note: str
 
 
-def context(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) -> dict[str, Any]:
+def context(
+    case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark], findings: Mapping[FigureKey, Finding]
+) -> dict[str, Any]:
     """What the template of a case's page needs."""
     results = case.results
     return {
@@ -58,7 +63,7 @@ def context(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) ->
         "percent": PERCENT,
         "unit_of": lambda component: next((b.unit for b in case.card.blocks if component in b.components), ""),
         "limit_unit": case.card.block(case.card.divergence.block).unit,
-        "published": [(p, number(p.value)) for p in case.card.published],
+        "published": [_published(verdict) for verdict in verdicts([results], findings)],
     }
 
 
@@ -87,6 +92,22 @@ def _row(case: CaseView, cell: CellView) -> list[dict[str, Any]]:
         found.append({"value": words.value, "unit": words.unit, "interval": words.interval, "runs": runs, "absent": False,
                       "mark": {"best": "best", "tied": "tie"}.get(cell.standing.get(key, ""), "")})  # fmt: skip
     return found
+
+
+def _published(verdict: Verdict) -> dict[str, Any]:
+    """A row of the table of published figures."""
+    figure, finding, score = verdict.published, verdict.finding, verdict.score
+    return {
+        "figure": figure,
+        "value": "" if figure.value is None else f"{figure.value:g}".replace("-", "−"),
+        "found": within(*finding.ours, figure.unit) if finding and finding.ours else "",
+        "runs": finding.runs if finding else 0,
+        "here": within(score.value, score.low, score.high, figure.unit) if score else "",
+        "here_runs": score.runs if score else 0,
+        "verdict": finding.verdict if finding else "not examined",
+        "reason": finding.reason if finding else "",
+        "broken": verdict.broken,
+    }
 
 
 def command(case: CaseView) -> str:

@@ -78,7 +78,7 @@ import dataclasses
         ("CASES = (3,)", "CASES holds 3, which is not a suite.case.Case"),
         (CASE + "CASES = tiny.CASES[0]", "CASES must be a tuple of entries, got Case"),
         (CASE + "CASES = tiny.CASES * 2", "two cases are named 'tiny'; rename one"),
-        (CASE + "CASES = (dataclasses.replace(tiny.CASES[0], name='a/b'),)", "the name 'a/b' must consist of"),
+        (CASE + "CASES = (dataclasses.replace(tiny.CASES[0], name='a//b'),)", "the name 'a//b' must consist of"),
         (CASE + "CASES = (dataclasses.replace(tiny.CASES[0], steps=0),)", "ValueError: case tiny: steps must be"),
         (CASE + "CASES = (dataclasses.replace(tiny.CASES[0], data=('track.csv',)),)", "data of case tiny must be paths"),
         (CASE + "CASES = (dataclasses.replace(tiny.CASES[0], plane={0, 1}),)", "case tiny holds what is not plain data"),
