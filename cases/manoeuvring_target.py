@@ -173,7 +173,8 @@ def case(
         equations=equations,
         assumptions=assumptions,
         published=tuple(
-            Published(label, PER_AXIS, value, "", f"{where}, table of errors", note) for label, (value, note) in figures.items()
+            Published(label, PER_AXIS, value, "", f"{where}, table of errors", note, "mse", "position")
+            for label, (value, note) in figures.items()
         ),
         experiment=Experiment(RUNS, tuple(figures)),
         plane=(0, 1),

@@ -9,6 +9,7 @@ import numpy as np
 from reports.text import count, listed, quantity
 from reports.views import CaseView, CellView, Key
 from suite.bounds import BEST_FIT, CONDITIONAL, KNOWN_MODES, NONE, POSTERIOR
+from suite.case import RECORDED
 from suite.case_bounds import BlockBound
 from suite.linalg import Array
 from suite.metrics import METRICS
@@ -70,7 +71,9 @@ def _clause(case: CaseView, key: Key, superlative: str, thing: str) -> str:
             f"{where} only {scored[0].label} has {_an(thing)} ({_value(scored, key)}), so there is nothing to compare it with"
         )
     if not leaders:
-        why = "there is one run each" if all(c.scores[key].runs == 1 for c in scored) else "no estimator completed all runs"
+        alone = all(c.scores[key].runs == 1 for c in scored)
+        why = "there is one run each" if alone else "no estimator completed all runs"
+        why = "all runs are of the same recording" if case.card.origin == RECORDED else why
         return f"{where} nobody can be ranked by {thing}, since {why}"
     names = listed([c.label for c in leaders], NAMES_IN_A_LIST)
     verb = "has" if len(leaders) == 1 else "tie for"

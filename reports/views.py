@@ -18,6 +18,8 @@ Key = tuple[str, str]
 AS_PAPERS_DO = ("mean-error", "maximum-error", "mse", "pooled-rmse", "run-rmse", "run-rmse-sd")
 SHOWN = [metric for name, metric in METRICS.items() if name not in AS_PAPERS_DO]
 """Metrics of the pages' tables; the others measure as one paper or the other does, and serve to compare with it."""
+WITHOUT_TRUTH = ("nis", "whiteness", "likelihood")
+"""Metrics that are shown only where no error can be: the truth is not known."""
 PERCENT = f"{100 * LEVEL:g} %"
 
 
@@ -114,6 +116,8 @@ def view(case: CaseResults, labels: Sequence[str]) -> CaseView:
 def _keys(case: CaseResults, cells: dict[str, CellView]) -> tuple[Key, ...]:
     """Metrics and blocks that any cell has, in the order of the metrics and of the case's blocks."""
     found = {key for cell in cells.values() for key in cell.scores}
+    if any(metric == "rmse" for metric, _ in found):
+        found = {key for key in found if key[0] not in WITHOUT_TRUTH}
     place = {block.name: i for i, block in enumerate(case.card.blocks)}
     order = list(METRICS)
     return tuple(sorted(found, key=lambda k: (order.index(k[0]), place.get(k[1], len(place)), k[1])))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas
 
+from suite.case import RECORDED
 from suite.linalg import Array
 from suite.metrics import Metric
 from suite.results import CaseResults, Cell, Results
@@ -84,9 +85,11 @@ class _Candidate:
 def _standing(case: CaseResults, name: str, block: str, metric: Metric) -> dict[str, str]:
     """Best: every other estimator is worse beyond the interval of the paired difference. Tied: not so.
 
-    An estimator with a failed or lost run is neither, and one without a rival is not best of anything. Scores are turned
-    into losses, see `_loss`.
+    An estimator with a failed or lost run is neither, and one without a rival is not best of anything. Nor is any on a
+    recording, whose runs are all of the same data. Scores are turned into losses, see `_loss`.
     """
+    if case.card.origin == RECORDED and not metric.timed:
+        return {}
     scored = {label: cell for label, cell in case.cells.items() if block in cell.scores(metric)}
     candidates = []
     for label, cell in scored.items():

@@ -15,7 +15,7 @@ from reports.sentences import bounded, diverged
 from reports.series import Series, Tracks
 from reports.text import count, listed, number, tick, within
 from reports.views import PERCENT, CaseView, CellView, Key
-from suite.case import with_unit
+from suite.case import RECORDED, with_unit
 from suite.case_bounds import BlockBound
 from suite.linalg import Array
 from suite.metrics import METRICS
@@ -56,6 +56,8 @@ def context(
         "rows": [(cell, _row(case, cell)) for cell in case.cells.values()],
         "metrics": [m for m in METRICS.values() if any(k[0] == m.name for k in case.keys)],
         "mathml": mathml,
+        "inf": math.inf,
+        "recorded": case.card.origin == RECORDED,
         "command": command(case),
         "away": [(cell.label, n) for cell in case.cells.values() if (n := diverged(cell))],
         "count": count,
@@ -236,7 +238,7 @@ def _ground(results: CaseResults, track: Tracks, marks: Mapping[str, Mark]) -> F
     header = ["time (s)", f"truth {x}", f"truth {y}", *(f"{label} {c}" for label in track.estimates for c in (x, y))]
     steps = track.truth.shape[1]
     rows = [
-        [tick(card.interval * (k + 1)), *(f"{float(v):.6g}".replace("-", "−") for v in (
+        [tick(float(card.time[k])), *(f"{float(v):.6g}".replace("-", "−") for v in (
             *track.truth[:, k], *(e for place in track.estimates.values() for e in place[:, k])))]
         for k in series.sampled(steps, TABLE_ROWS)
     ]  # fmt: skip

@@ -117,8 +117,7 @@ MSE = Metric(
     unit="block, squared",
     better="lower",
     formula=r"\frac{1}{R\,T\,n_b} \sum_{r=1}^{R} \sum_{k=1}^{T} \left\| \hat x_{b,k}^{(r)} - x_{b,k}^{(r)} \right\|^2",
-    words="Mean over runs, time and the components of a block of the squared error: of one axis, where a block has several. A few "
-    "bad runs decide it.",
+    words="Mean over runs, time and the components of a block of the squared error, so of one axis. A few bad runs decide it.",
     reference="J. Hartikainen, A. Solin, S. Särkkä, Optimal filtering with Kalman filters and smoothers, 2011",
     fn=of_components,
 )
