@@ -1,14 +1,22 @@
-"""The ballistic cases: the paper's equations recoded with matrices, Jacobians, what is simulated, and who follows."""
+"""The ballistic cases: the paper's equations recoded with matrices, Jacobians, what is simulated, who follows, the sweep."""
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cases import ballistic
+from estimators import ESTIMATORS
 from estimators.bootstrap import Bootstrap
 from estimators.ekf import Extended
 from estimators.isir import Isir
 from estimators.ukf import Unscented
 from suite.metrics import METRICS
+from suite.noise import Gaussian
+from suite.parameters import label
+from suite.registry import Catalog, Registry
+from tests.oracles import generators
 
 CASES = {case.name: case for case in ballistic.CASES}
 CASE = CASES["ballistic/1"]
@@ -18,6 +26,8 @@ SETTINGS = {  # range, initial velocity, elevation: standard deviations in m, m/
     "ballistic/2": (150.0, 50.0, 0.017, 5.0),
     "ballistic/hard": (2.0, 50.0, 0.2, 200.0),
 }
+PLUGIN = Path(ballistic.__file__).with_name("sweeps") / "ballistic.py"
+SWEEP = Catalog(Registry("estimator", ()), Registry("case", ()), {}).with_plugins([str(PLUGIN)]).cases
 GRAVITY, DELTA = 9.8, 2.0
 
 # Pavlov and Bruno, eqs 1-5: s' = Phi s + G (f(s) + (0, -g)).
@@ -164,6 +174,73 @@ def test_trajectories_stay_physical(truth):
     assert (np.diff(x.mean(1)) < 0).all()
     assert (speed.mean(1)[-1] < speed.mean(1)[0] / 2).all()  # drag, in the last part
     assert y.min() > 0
+
+
+def test_below_height_zero_the_air_goes_on_growing_denser():
+    np.testing.assert_allclose(ballistic.air_density(np.array([0.0, -1000.0])), [1.227, 1.227 * np.exp(0.1093)], rtol=1e-12)
+    deep = np.array([1e4, -900.0, -2000.0, -200.0, 4e4])
+    np.testing.assert_allclose(MODEL.dynamics.mean(deep[:, None], 1)[:, 0], successor(deep), rtol=1e-13)
+
+
+def test_at_rest_there_is_no_drag_and_no_slope():
+    rest = np.array([1e4, 0.0, 2e4, 0.0, 4e4])[:, None]
+    fallen = [1e4, 0, 2e4 - GRAVITY * DELTA**2 / 2, -GRAVITY * DELTA, 4e4]
+    np.testing.assert_allclose(MODEL.dynamics.mean(rest, 1)[:, 0], fallen, rtol=1e-14)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        assert np.isnan(MODEL.dynamics.jacobian(rest, 1)[[1, 3]]).any()
+
+
+def test_particles_of_negative_ballistic_coefficient_run_away_and_lose_their_weight():
+    """A negative coefficient pushes forward; where a twelfth of the first particles has one, the filter outlives them."""
+    forward = np.array([1e5, -2000.0, 2e4, -300.0, -4e4])[:, None]
+    assert MODEL.dynamics.mean(forward, 1)[1, 0] < -2000
+    truth = CASE.simulate(6, seed=1)
+    spread = MODEL.prior.cov + np.diag([0, 0, 0, 0, 28_900.0**2 - 2500.0**2])
+    unsure = replace(MODEL, prior=Gaussian(MODEL.prior.mean, spread))
+    first = unsure.prior.sample(generators(6, "negative"), (6, 1000))[4]
+    assert 0.05 < (first < 0).mean() < 0.12
+    estimate = Bootstrap(particles=1000).run(unsure, truth.y, 1)
+    assert estimate.ok.all()
+    # The last mean is that of particles of positive coefficient: its deviation is far below its distance from zero.
+    assert (estimate.mean[-1, 4] > 2 * np.sqrt(estimate.cov[-1, 4, 4])).all()
+
+
+@pytest.mark.parametrize("name", ["ballistic/1", "ballistic/2"])
+def test_what_the_paper_ran_can_be_run(name):
+    case = CASES[name]
+    assert case.experiment.runs == 100
+    for ran in case.experiment.estimators:
+        assert label(ESTIMATORS[ran]) == ran
+        assert ESTIMATORS[ran].particles == 8000
+    assert {p.estimator for p in case.published} <= set(case.experiment.estimators)
+    assert {(p.metric, p.block) for p in case.published} <= {("rmse", "position"), ("divergence", "runs")}
+    assert CASES["ballistic/hard"].experiment is None
+
+
+@pytest.mark.parametrize("scenario", [1, 2])
+def test_the_sweep_changes_one_thing_at_a_time(scenario):
+    """Against the scenario: the variances of q, q̃ (by Δ = 2 s), elevation and first ballistic coefficient that are changed."""
+    plain = CASES[f"ballistic/{scenario}"].model
+    axis, walk, elevation, beta = 10.0, 10.0, 0.017**2, 2500.0**2
+    changed = {
+        "q1": (2.0, 2.0, elevation, beta),
+        "q0.05": (0.1, walk, elevation, beta),
+        "q500": (1000.0, walk, elevation, beta),
+        "constant-beta": (axis, 0.0, elevation, beta),
+        "degrees": (axis, walk, (0.017 / 180 * np.pi) ** 2, beta),
+        "1mrad": (axis, walk, 1e-6, beta),
+        "beta10000": (axis, walk, elevation, 1e8),
+    }
+    assert {n.split(":")[-1] for n in SWEEP if n.startswith(f"sweep:ballistic:{scenario}:")} == set(changed)
+    for name, expected in changed.items():
+        case = SWEEP[f"sweep:ballistic:{scenario}:{name}"]
+        Q, R, P0 = case.model.dynamics.noise.cov, case.model.sensor.noise.cov, case.model.prior.cov
+        np.testing.assert_allclose((Q[1, 1], Q[4, 4], R[1, 1], P0[4, 4]), expected, rtol=1e-12)
+        np.testing.assert_allclose(Q[:4, :4], plain.dynamics.noise.cov[:4, :4] * Q[1, 1] / 10, rtol=1e-12)
+        np.testing.assert_array_equal(np.diag(P0)[:4], np.diag(plain.prior.cov)[:4])
+        assert R[0, 0] == plain.sensor.noise.cov[0, 0]
+        assert (case.published, case.experiment) == ((), None)
+        assert np.isfinite(case.simulate(2).y).all()
 
 
 @pytest.fixture(scope="module")

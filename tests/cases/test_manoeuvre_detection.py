@@ -14,6 +14,9 @@ from cases.manoeuvre_detection import (
     stated_start,
     turned,
 )
+from estimators import ESTIMATORS
+from suite.metrics import METRICS
+from suite.parameters import label
 
 BY_NAME = {case.name.removeprefix("manoeuvre-detection/"): case for case in CASES}
 KNOT = 1852 / 3600  # m/s
@@ -166,6 +169,34 @@ def test_a_turn_keeps_the_speed_and_a_circle():
         np.testing.assert_allclose(here, centre, rtol=1e-9)
         x = turned(NAVAL, x, k)
         np.testing.assert_allclose(np.hypot(x[1, 0], x[3, 0]), np.hypot(0.003, 0.001), rtol=1e-12)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-12])
+def test_a_target_at_rest_stays_where_it_is(speed):
+    law = BY_NAME["naval"].model.modes[1].dynamics
+    x = np.array([[1.0], [speed], [2.0], [0.0]])
+    np.testing.assert_allclose(law.mean(x, 1), [[1.0], [0.0], [2.0], [0.0]], atol=1e-9)
+    assert np.isfinite(law.jacobian(x, 1)).all()
+
+
+@pytest.mark.parametrize(("name", "twin"), EVERY)
+def test_no_target_comes_to_rest_or_to_the_observer(name, twin):
+    # Speeds are 4 kn ± 0.1, or fixed, far above the 1 mm/s at which the turn rate is kept finite.
+    x, own = BY_NAME[twin].simulate(300, seed=1).x, observer(SCENES[name])[:, 1:, None]
+    assert np.hypot(x[:, 1], x[:, 3]).min() > 1e-3
+    assert np.hypot(x[:, 0] - own[0], x[:, 2] - own[1]).min() > 0.2
+
+
+@pytest.mark.parametrize(("name", "twin"), EVERY)
+def test_what_the_paper_ran_can_be_run(name, twin):
+    case = BY_NAME[twin]
+    for ran in case.experiment.estimators:
+        assert label(ESTIMATORS[ran]) == ran
+        assert ESTIMATORS[ran].accepts(case.model) is None
+    assert {p.estimator for p in case.published} <= set(case.experiment.estimators)
+    assert {p.metric for p in case.published} <= {*METRICS, ""}
+    assert len(case.published) == (3 if twin == name else 0)
+    assert (ESTIMATORS["pf-cusum"].particles, ESTIMATORS["pf-cusum"].threshold) == (1000, 1 / 3)
 
 
 @pytest.mark.parametrize(("name", "twin"), EVERY)
