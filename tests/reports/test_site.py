@@ -121,7 +121,7 @@ def test_the_case_page_tells_the_case(site, tools):
         "3 of 4",
         "1 lost",
         "Stated assumptions",
-        "paper's own figures on its own data",
+        "What the reference prints or claims",
         "8.25 m",
         "another site",
         "filterbench run -c 'easy/one' -e plain shifted twin choosy broken frail --runs 4 --seed 1",

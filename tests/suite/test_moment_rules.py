@@ -253,7 +253,7 @@ def test_jacobians_of_the_cases_are_differences(name):
             value, slope = function.linearised(at, k + 1)
             np.testing.assert_array_equal(value, function.mean(at, k + 1))
             for j in range(len(at)):
-                size = 1e-3 * np.maximum(np.abs(at[j]), 0.1 * usual[j] or 1.0)
+                size = 1e-4 * np.maximum(np.abs(at[j]), usual[j] or 10.0)
                 step = size * (np.arange(len(at)) == j)[:, None]
                 up, down, further, back = (function.mean(at + t * step, k + 1) for t in (1, -1, 2, -2))
                 expected = (8 * function.residual(up, down) - function.residual(further, back)) / (12 * size)
