@@ -14,6 +14,7 @@ from suite.random import Streams
 MOST, FEWEST = 2000, 100
 """Trajectories of a bound: as many as `STEPS` allow, within these."""
 STEPS = 400_000
+UNKNOWN = "the truth, about which the model would have to be linearised, is not known at all steps"
 SEQUENCES = 100
 """Sequences of modes, over which trajectories are spread where slopes differ among those of one sequence."""
 
@@ -41,6 +42,8 @@ def bounds_of(case: Case, seed: int) -> tuple[BlockBound, ...]:
     if case.origin != FROM_MODEL:
         said = f"the truth is {case.origin}: this is what the model allows for, and filters may fall below it"
         found = [replace(each, reason="; ".join(filter(None, (said, each.reason)))) for each in found]
+    if np.isnan(drawn.x).any():
+        found = [replace(each, reason=UNKNOWN) for each in found]
     return tuple(_of_blocks(case, each) for each in found)
 
 

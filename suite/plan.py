@@ -33,17 +33,18 @@ class Profile:
     as_published: bool = False
 
     def runs_of(self, case: Case) -> int:
-        """Runs of each cell of a case: from STEPS steps on fewer, in proportion."""
+        """Runs of each cell of a case: fewer in proportion from STEPS steps on, and from STATES components of the state on."""
         if self.as_published and case.experiment:
             return case.experiment.runs
-        return max(self.fewest, min(self.runs, self.runs * STEPS // case.steps))
+        size = case.steps * max(1.0, case.model.n / STATES)
+        return max(self.fewest, min(self.runs, int(self.runs * STEPS / size)))
 
     def estimators_of(self, case: Case, known: Registry[Estimator]) -> list[Estimator]:
         """Estimators to run on a case when none are named."""
         return known.select(case.experiment.estimators if self.as_published and case.experiment else ())
 
 
-STEPS = 100
+STEPS, STATES = 100, 10
 PROFILES = {
     p.name: p
     for p in (
