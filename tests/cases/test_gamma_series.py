@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cases.gamma_series import CASES
+from cases.sweeps.gamma_series import CASES as SWEEP
 from estimators.bootstrap import ESTIMATORS as BOOTSTRAP
 from suite import gaussian
 
@@ -73,3 +74,15 @@ def test_a_good_filter_does_not_diverge(truth):
     error = np.abs(estimate.mean - truth.x[..., :30])[:, 0]
     assert estimate.ok.all()
     assert (error > CASE.divergence.limit).sum(0).max() < CASE.divergence.steps
+
+
+def test_the_sweep_tells_filters_of_centred_noise_of_the_same_variance():
+    """The published Kalman filters take it so; the truth stays that of the series."""
+    (centred,) = SWEEP
+    told, real = centred.model.dynamics, CASE.model.dynamics
+    assert told.noise_mean(1) == 0.0
+    np.testing.assert_allclose(told.noise_cov(1), real.noise_cov(1), rtol=1e-12)
+    truth = centred.simulate(2000, seed=1)
+    driven = truth.x[1:, 0] - np.stack([real.mean(x, k) for k, x in enumerate(truth.x[:-1], start=2)])[:, 0]
+    # The mean of 118 000 draws of a law of variance 0.75, within six standard errors.
+    assert abs(driven.mean() - 1.5) < 6 * np.sqrt(0.75 / driven.size)
