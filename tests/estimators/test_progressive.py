@@ -244,3 +244,9 @@ def test_it_refuses_what_is_not_additive_and_gaussian():
     for wrong in ({"gamma": -1.0}, {"tolerance": 0.0}, {"first": 0.0}, {"first": 2.0}, {"steps": 0}):
         with pytest.raises(BadInput):
             Progressive(**wrong)
+
+
+def test_many_components_are_refused_for_their_cost():
+    filters = Progressive()
+    assert filters.accepts(CASES["high-dimensional/10"].model) is None
+    assert "cost too much" in filters.accepts(CASES["high-dimensional/20"].model)
