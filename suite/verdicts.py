@@ -56,8 +56,8 @@ def agrees(score: Score, published: Published) -> bool | None:
     """Whether a published value lies where an experiment of the paper's number of runs would put it, 95 times of 100.
 
     Its own scatter is taken to be ours, scaled to its runs, or to `UNSTATED` where it does not tell how many; both are on the
-    scale of logarithms. Half a unit of its last printed digit is granted on top. None where the scatter is so wide that a
-    value beyond `WIDE` times the other would still agree: then nothing is decided.
+    scale of logarithms. Half a unit of its last printed digit is granted on top. None where it lies there,
+    but so would one `WIDE` times ours: then nothing is decided.
     """
     assert published.value is not None
     if score.low <= 0 or published.value <= 0:
@@ -67,4 +67,6 @@ def agrees(score: Score, published: Published) -> bool | None:
     last = Decimal(str(published.value)).as_tuple().exponent
     rounding = 0.5 * 10.0 ** int(last) / published.value
     allowed = math.hypot(ours, theirs) + rounding
-    return None if allowed > math.log(WIDE) else abs(math.log(published.value / score.value)) <= allowed
+    if abs(math.log(published.value / score.value)) > allowed:
+        return False
+    return None if allowed > math.log(WIDE) else True

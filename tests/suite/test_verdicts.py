@@ -43,6 +43,9 @@ CASES = (dataclasses.replace(PLAIN[0], name="printed", published=(near, far)),)
         (11.0, 0.02, 100, 10, False),
         (10.04, 0.0, 100, 100, True),  # 10 is printed for all from 9.95 to 10.05
         (10.06, 0.0, 100, 100, False),
+        (11.0, 0.28, 100, 100, True),  # sqrt(2) · 0.28 < log(1.5) = 0.405
+        (11.0, 0.30, 100, 100, None),
+        (30.0, 0.30, 100, 100, False),
     ],
 )
 def test_a_figure_agrees_when_a_repetition_could_have_given_it(value, half, runs, theirs, expected):
