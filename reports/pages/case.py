@@ -98,13 +98,15 @@ def _row(case: CaseView, cell: CellView) -> list[dict[str, Any]]:
 
 def _published(verdict: Verdict) -> dict[str, Any]:
     """A row of the table of published figures."""
-    figure, finding, score = verdict.published, verdict.finding, verdict.score
+    figure, finding = verdict.published, verdict.finding
+    score = verdict.score if figure.value is not None else None
+    unit = "" if figure.unit == "mixed" else figure.unit
     return {
         "figure": figure,
-        "value": "" if figure.value is None else f"{figure.value:g}".replace("-", "−"),
-        "found": within(*finding.ours, figure.unit) if finding and finding.ours else "",
+        "value": "a claim" if figure.value is None else f"{figure.value:g} {unit}".strip(),
+        "found": within(*finding.ours, "" if figure.value is None else unit) if finding and finding.ours else "",
         "runs": finding.runs if finding else 0,
-        "here": within(score.value, score.low, score.high, figure.unit) if score else "",
+        "here": within(score.value, score.low, score.high, unit) if score else "",
         "here_runs": score.runs if score else 0,
         "verdict": finding.verdict if finding else "not examined",
         "reason": finding.reason if finding else "",
