@@ -5,6 +5,7 @@ import functools
 import numpy as np
 
 from suite.case import Case, Divergence, Equation, StateBlock, draw
+from suite.kinematics import sinc
 from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, StateSpaceModel
 from suite.noise import Gaussian
@@ -20,13 +21,6 @@ START_VARIANCES = (100.0, 10.0, 100.0, 10.0, 1e-4)
 STEPS = 100
 
 AXIS_NOISE = Q1 * np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]])
-
-
-def sinc(a: Array) -> Array:
-    """sin(a) / a, also where a is zero, by two terms of its series for small a: exact to rounding."""
-    small = np.abs(a) < 1e-4
-    divisor = np.where(small, 1.0, a)
-    return np.where(small, 1.0 - a * a / 6.0, np.sin(a) / divisor)
 
 
 def turn(s: Array, k: int) -> Array:

@@ -128,7 +128,8 @@ POSITION = Equation("Position", r"z_k = (x_k, y_k)^T + r_k, \quad r_k \sim N(0, 
 
 READ = (
     "The parameters were read in the toolbox's programs. The target starts at (0, 0) with the velocity (1, 0), has no noise, "
-    "and turns by 1 rad/s in the transitions to the steps 41 to 90 and by -1 rad/s in those to 111 to 160.",
+    "and turns by 1 rad/s in the transitions to the steps 41 to 90 and by -1 rad/s in those to 111 to 160. The turn "
+    "rate of its state is that of the transition just made, that of the model is for the next.",
     "A run has diverged when its position is off by more than 2 for 10 steps (1 s) on end.",
 )
 SENSOR_2 = "The manual misprints the place of the second sensor; that of the program is taken."

@@ -12,8 +12,9 @@ from suite.linalg import Array
 from suite.random import Streams
 
 MOST, FEWEST = 2000, 100
-"""Trajectories of a bound: as many as `STEPS` allow, within these."""
-STEPS = 400_000
+"""Trajectories of a bound: as many as `WORK` allows, within these."""
+WORK = 15_000_000
+"""Entries of the slopes of all trajectories at all steps."""
 UNKNOWN = "the truth, about which the model would have to be linearised, is not known at all steps"
 SEQUENCES = 100
 """Sequences of modes, over which trajectories are spread where slopes differ among those of one sequence."""
@@ -50,16 +51,17 @@ def bounds_of(case: Case, seed: int) -> tuple[BlockBound, ...]:
 def _drawn(case: Case, seed: int) -> tuple[Trajectories, Array | None]:
     """Trajectories about which to linearise, and measurements that show what is missing; None where nothing is.
 
-    They are drawn from the model where the truth is, or where the state does not matter; else they are the case's own truths.
+    They are drawn from the model where the truth is and nothing is missing, or where the state does not matter. Else they are
+    the case's own truths: what is missing may depend on the state.
     """
     linear, several = _linear(case), isinstance(case.model, JumpModel)
-    runs = max(FEWEST, min(MOST, STEPS // case.steps))
+    runs = max(FEWEST, min(MOST, WORK // (case.steps * case.model.n**2)))
     if linear and not several and not np.isnan(case.simulate(1, seed).y).any():
         runs = 2  # all are alike
     truth = case.simulate(runs, seed)
     y = truth.y if np.isnan(truth.y).any() else None
     streams = Streams((seed, case.name, "bound"))
-    if case.origin == FROM_MODEL or (linear and not several):
+    if (case.origin == FROM_MODEL and y is None) or (linear and not several):
         copies = runs // SEQUENCES if several and not linear else 1
         return trajectories(case.model, case.steps, streams.batch(0, runs // copies), copies), y
     return _along(case, truth, streams), y

@@ -199,6 +199,9 @@ def _verify(options: argparse.Namespace) -> int:
     chosen = _matching("case", loaded.cases, options.case)
     found = list(verdicts.verdicts([loaded.cases[name] for name in chosen], cases.FINDINGS))
     print_verdicts(found)
+    told = [v.agrees for v in found if v.agrees is not None]
+    counts = f"{len(told)} measured here: {sum(told)} agree, {len(told) - sum(told)} differ"
+    print(f"{len(found)} published figures and claims, {counts}; where all agree in truth, 5 of 100 differ by chance")
     broken = [v for v in found if v.broken]
     for v in broken:
         assert v.finding is not None

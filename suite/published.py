@@ -1,6 +1,7 @@
 """Published figures: what a paper prints or claims, how it came by it, and what became of it here."""
 
 import dataclasses
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,6 +29,10 @@ class Published:
     metric: str = ""
     block: str = ""
     runs: int = 0
+
+    def __post_init__(self) -> None:
+        if self.value is not None and not math.isfinite(self.value):
+            raise ValueError(f"the published {self.quantity!r} of {self.estimator} must be a number or None, got {self.value}")
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,9 @@ class Trial:
     def _read(self, outcome: Outcome) -> Estimate:
         steps, _, runs = outcome.y.shape
         try:
-            return examined(outcome.returned, replace(self.case, steps=steps), runs, outcome.elapsed)
+            return examined(
+                outcome.returned, replace(self.case, steps=steps, times=self.case.times[:steps]), runs, outcome.elapsed
+            )
         except FAULTS as error:
             raise Finding(one_line(error)) from error
 

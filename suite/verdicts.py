@@ -5,6 +5,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import fisher_exact
+
 from suite.metrics import METRICS, Score
 from suite.published import NOT_REPRODUCED, REPRODUCED, Finding, Key, Published
 from suite.results import CaseResults
@@ -12,6 +16,8 @@ from suite.results import CaseResults
 UNSTATED = 100
 """Runs that a paper is taken to average over when it does not say: what is usual in this field."""
 WIDE = 1.5
+CLEAR = 1.7
+"""Distance beyond which chance puts a figure once in a thousand times."""
 
 
 @dataclass(frozen=True)
@@ -24,15 +30,22 @@ class Verdict:
     score: Score | None
 
     @property
+    def distance(self) -> float | None:
+        """How far the measured value is from the published one, see `distance`; None when there is nothing to compare."""
+        return None if self.score is None or self.published.value is None else distance(self.score, self.published)
+
+    @property
     def agrees(self) -> bool | None:
-        """Whether the measured value could be the published one's repetition; None when there is nothing to compare."""
-        return None if self.score is None or self.published.value is None else agrees(self.score, self.published)
+        """Whether the published value could be the measured one's repetition; None when that cannot be told."""
+        return None if self.distance is None or math.isnan(self.distance) else self.distance <= 1
 
     @property
     def broken(self) -> bool:
-        """Whether the result set contradicts the recorded verdict."""
-        expected = {REPRODUCED: True, NOT_REPRODUCED: False}.get(self.finding.verdict if self.finding else "")
-        return self.agrees is not None and expected is not None and self.agrees != expected
+        """Whether the result set contradicts the recorded verdict: clearly, and by as many runs as the record is of."""
+        if self.finding is None or self.score is None or self.distance is None or self.score.runs < self.finding.runs:
+            return False
+        clearly = {REPRODUCED: self.distance > CLEAR, NOT_REPRODUCED: self.distance < 1 / CLEAR}
+        return clearly.get(self.finding.verdict, False)
 
 
 def verdicts(cases: Iterable[CaseResults], findings: Mapping[Key, Finding]) -> Iterator[Verdict]:
@@ -52,21 +65,23 @@ def measured(case: CaseResults, published: Published) -> Score | None:
     return score if score is not None and math.isfinite(score.low) and math.isfinite(score.high) else None
 
 
-def agrees(score: Score, published: Published) -> bool | None:
-    """Whether a published value lies where an experiment of the paper's number of runs would put it, 95 times of 100.
+def distance(score: Score, published: Published) -> float:
+    """How far a published value is from where an experiment of the paper's number of runs would put it 95 times of 100.
 
-    Its own scatter is taken to be ours, scaled to its runs, or to `UNSTATED` where it does not tell how many; both are on the
-    scale of logarithms. Half a unit of its last printed digit is granted on top. None where it lies there,
-    but so would one `WIDE` times ours: then nothing is decided.
+    It lies there up to 1. Its own scatter is taken to be ours, scaled to its runs, or to `UNSTATED` where it does not tell how
+    many; both are on the scale of logarithms. Half a unit of its last printed digit is granted on top; of zeros at the end
+    nothing is known. NaN where the value lies there but so would one `WIDE` times ours, or where there is no scale. A rate is
+    compared by Fisher's exact test.
     """
     assert published.value is not None
+    theirs = published.runs or UNSTATED
+    if METRICS[published.metric].binomial:
+        counts = [(round(rate * runs), runs) for rate, runs in ((score.value, score.runs), (published.value, theirs))]
+        return float(ndtri(1 - fisher_exact(np.array([[n, runs - n] for n, runs in counts])).pvalue / 2) / ndtri(0.975))
     if score.low <= 0 or published.value <= 0:
-        return score.low <= published.value <= score.high
-    ours = math.log(score.high / score.low) / 2
-    theirs = ours * math.sqrt(score.runs / (published.runs or UNSTATED))
-    last = Decimal(str(published.value)).as_tuple().exponent
-    rounding = 0.5 * 10.0 ** int(last) / published.value
-    allowed = math.hypot(ours, theirs) + rounding
-    if abs(math.log(published.value / score.value)) > allowed:
-        return False
-    return None if allowed > math.log(WIDE) else True
+        return math.nan
+    half = math.log(score.high / score.low) / 2
+    rounding = 0.5 * 10.0 ** int(Decimal(f"{published.value:g}").as_tuple().exponent) / published.value
+    allowed = math.hypot(half, half * math.sqrt(score.runs / theirs)) + rounding
+    found = abs(math.log(published.value / score.value)) / allowed
+    return math.nan if found <= 1 and allowed > math.log(WIDE) else found

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from cases.coordinated_turn import CASES, sinc
+from cases.coordinated_turn import CASES
 from estimators.ckf import ESTIMATORS as CUBATURE
 from suite import gaussian
+from suite.kinematics import sinc
 
 (CASE,) = CASES
 MODEL = CASE.model

@@ -8,10 +8,11 @@ import pytest
 from cases import CASES
 from suite import bounds
 from suite.bounds import trajectories
-from suite.case import FROM_ANOTHER, GIVEN_TRACK, RECORDED, StateBlock, Truth
+from suite.case import FROM_ANOTHER, FROM_MODEL, GIVEN_TRACK, RECORDED, StateBlock, Truth, draw
 from suite.case_bounds import UNKNOWN, bounds_of
 from suite.jump import JumpModel
-from suite.model import AdditiveSensor, Affine
+from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
+from suite.noise import Gaussian
 from suite.random import Streams
 from suite.results import load
 from tests.bound_oracles import near, riccati
@@ -134,3 +135,41 @@ def test_a_block_is_bounded_in_all_of_its_components():
     whole = dataclasses.replace(LINEAR, blocks=(*LINEAR.blocks, StateBlock("all", (0, 1, 2, 3), "mixed")))
     (found,) = bounds_of(whole, 1)
     np.testing.assert_allclose(found.value[:, -1], np.sqrt(np.trace(found.cov, axis1=1, axis2=2)), rtol=1e-12)
+
+
+def test_gaps_that_depend_on_the_state_are_those_of_the_trajectories():
+    """x_k = 0.9 x_{k-1} + w, seen as x² / 2 where |x| is 1 or more: information is that of the states that were seen."""
+
+    def generate(rng):
+        truth = draw(model, 6, rng)
+        return dataclasses.replace(truth, y=np.where(np.abs(truth.x) < 1, np.nan, truth.y))
+
+    motion = AdditiveTransition(Affine([[0.9]]), Gaussian.diagonal([1.0]))
+    sensor = AdditiveSensor(lambda x, k: 0.5 * x * x, Gaussian.diagonal([0.5]))
+    model = StateSpaceModel(Gaussian([0.0], [[2.0]]), motion, sensor)
+    case = dataclasses.replace(
+        LINEAR, name="blind", steps=6, state=("x",), blocks=(StateBlock("position", (0,), "m"),), plane=None, model=model,
+        generate=generate, published=(), landmarks=(),
+    )  # fmt: skip
+    (found,) = bounds_of(case, 1)
+    x, P, expected = case.simulate(2000, 1).x[:, 0], 2.0, []
+    for states in x:
+        P = 1 / (1 / (0.81 * P + 1.0) + np.mean(np.where(np.abs(states) < 1, 0.0, states**2)) / 0.5)
+        expected.append(P)
+    np.testing.assert_allclose(found.cov[:, 0, 0], expected, rtol=1e-9)
+    assert (found.kind, found.reason) == (bounds.POSTERIOR, "")
+
+
+def test_curved_modes_with_gaps_have_bounds():
+    """As many trajectories as there are truths, however many these are."""
+    case = CASES["manoeuvre-detection/naval"]
+
+    def generate(rng):
+        truth = draw(case.model, case.steps, rng)
+        truth.y[::3] = np.nan
+        return truth
+
+    known, fitted = bounds_of(dataclasses.replace(case, origin=FROM_MODEL, generate=generate), 1)
+    assert np.isfinite(known.value).all()
+    assert np.isfinite(fitted.value).all()
+    assert bounds.ALONE in known.reason

@@ -29,6 +29,11 @@ def test_a_sound_estimator_keeps_all_rules_on_all_problems():
     assert [(v.case, v.check) for v in verdicts] == [(case.name, title(check)) for case, _ in ALL for check in CHECKS]
 
 
+def test_times_of_a_case_are_cut_with_its_steps():
+    irregular = replace(PROBLEMS[0], times=tuple(k**2 for k in range(1, PROBLEMS[0].steps + 1)))
+    assert {v.words for v in examine(Sound(), [measured(irregular)])} == {"ok"}
+
+
 @pytest.mark.parametrize(("rule", "estimator", "words"), WAYS, ids=lambda value: value if isinstance(value, str) else "")
 def test_a_broken_rule_is_the_only_one_to_complain(rule, estimator, words):
     found = [v for v in examine(estimator, FIRST) if v.broken]

@@ -12,10 +12,10 @@ from estimators import ESTIMATORS
 from suite import parameters
 from suite.metrics import METRICS, Score
 from suite.published import NOT_COMPARABLE, NOT_REPRODUCED, REPRODUCED, VERDICTS, Finding, Published, findings
-from suite.verdicts import Verdict, agrees
+from suite.verdicts import Verdict
 from tests.oracles import generators
 
-FIGURE = Published("kalman", "position error", 10.0, "m", "Table 1", metric="rmse", block="position", runs=100)
+FIGURE = Published("kalman", "position error", 10.01, "m", "Table 1", metric="rmse", block="position", runs=100)
 ALL = [(case.name, p) for case in CASES.values() for p in case.published]
 
 
@@ -35,14 +35,14 @@ CASES = (dataclasses.replace(PLAIN[0], name="printed", published=(near, far)),)
 @pytest.mark.parametrize(
     ("value", "half", "runs", "theirs", "expected"),
     [
-        (10.0, 0.0, 100, 100, True),
+        (10.01, 0.0, 100, 100, True),
         (11.0, 0.01, 100, 100, False),
-        (11.0, 0.06, 100, 0, False),  # sqrt(2) · 0.06 < log(1.1) = 0.0953
+        (11.0, 0.06, 100, 0, False),  # sqrt(2) · 0.06 < log(11 / 10.01) = 0.0943
         (11.0, 0.07, 100, 0, True),
         (11.0, 0.02, 100, 4, True),  # their four runs scatter five times as much as our hundred
         (11.0, 0.02, 100, 10, False),
-        (10.04, 0.0, 100, 100, True),  # 10 is printed for all from 9.95 to 10.05
-        (10.06, 0.0, 100, 100, False),
+        (10.014, 0.0, 100, 100, True),  # 10.01 is printed for all from 10.005 to 10.015
+        (10.016, 0.0, 100, 100, False),
         (11.0, 0.28, 100, 100, True),  # sqrt(2) · 0.28 < log(1.5) = 0.405
         (11.0, 0.30, 100, 100, None),
         (30.0, 0.30, 100, 100, False),
@@ -50,8 +50,33 @@ CASES = (dataclasses.replace(PLAIN[0], name="printed", published=(near, far)),)
 )
 def test_a_figure_agrees_when_a_repetition_could_have_given_it(value, half, runs, theirs, expected):
     score = Score(value, value * np.exp(-half), value * np.exp(half), "m", runs, runs)
-    figure = dataclasses.replace(FIGURE, runs=theirs)
-    assert agrees(score, figure) == expected
+    assert Verdict("case", dataclasses.replace(FIGURE, runs=theirs), None, score).agrees == expected
+
+
+@pytest.mark.parametrize(
+    ("count", "runs", "printed", "theirs", "expected"),
+    [
+        (0, 100, 0.0, 100, True),
+        (1, 300, 0.0, 100, True),
+        (20, 100, 0.0, 100, False),
+        (3, 100, 0.3, 10, False),
+        (3, 10, 0.3, 10, True),
+    ],
+)
+def test_rates_are_compared_by_their_counts(count, runs, printed, theirs, expected):
+    figure = dataclasses.replace(FIGURE, value=printed, runs=theirs, metric="divergence", block="runs")
+    assert Verdict("case", figure, None, Score(count / runs, 0.0, 1.0, "", runs, runs)).agrees == expected
+
+
+@pytest.mark.parametrize(("low", "printed"), [(0.0, 10.0), (9.0, 0.0), (9.0, -1.0)])
+def test_without_a_scale_nothing_is_decided(low, printed):
+    assert Verdict("case", dataclasses.replace(FIGURE, value=printed), None, Score(10.0, low, 11.0, "m", 9, 9)).agrees is None
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_a_published_value_is_a_number(value):
+    with pytest.raises(ValueError, match="'position error' of kalman must be a number or None"):
+        dataclasses.replace(FIGURE, value=value)
 
 
 def test_repetitions_of_an_experiment_agree_at_the_stated_rate():
@@ -64,21 +89,26 @@ def test_repetitions_of_an_experiment_agree_at_the_stated_rate():
     count = 0
     for theirs, ours in zip(squares[:25].T, squares[25:].T, strict=True):
         score = METRICS["rmse"].score(ours[None], "m", 100)
-        count += agrees(score, dataclasses.replace(FIGURE, value=float(np.sqrt(theirs.mean())), runs=25))
+        count += bool(
+            Verdict("", dataclasses.replace(FIGURE, value=float(np.sqrt(theirs.mean())), runs=25), None, score).agrees
+        )
     assert abs(count / pairs - 0.95) < 0.02 + 5 * np.sqrt(0.95 * 0.05 / pairs)
 
 
 @pytest.mark.parametrize(
     ("recorded", "value", "broken"),
-    [(REPRODUCED, 10.0, False), (REPRODUCED, 20.0, True), (NOT_REPRODUCED, 20.0, False), (NOT_REPRODUCED, 10.0, True),
+    [(REPRODUCED, 10.0, False), (REPRODUCED, 20.0, True), (REPRODUCED, 10.18, False),
+     (NOT_REPRODUCED, 20.0, False), (NOT_REPRODUCED, 10.0, True),
      (NOT_COMPARABLE, 20.0, False), (NOT_COMPARABLE, 10.0, False), (None, 20.0, False)],
 )  # fmt: skip
 def test_results_break_a_verdict_that_they_contradict(recorded, value, broken):
-    finding = Finding(recorded, "because") if recorded else None
-    assert Verdict("case", FIGURE, finding, Score(value, 0.99 * value, 1.01 * value, "m", 100, 100)).broken == broken
+    """Figures are 1.41 % apart at most where they agree; the record is of as many runs."""
+    finding = Finding(recorded, "because", runs=100) if recorded else None
+    score = Score(value, 0.99 * value, 1.01 * value, "m", 100, 100)
+    assert Verdict("case", FIGURE, finding, score).broken == broken
     assert not Verdict("case", FIGURE, finding, None).broken
-    claim = dataclasses.replace(FIGURE, value=None)
-    assert not Verdict("case", claim, finding, Score(value, value, value, "m", 100, 100)).broken
+    assert not Verdict("case", FIGURE, finding, dataclasses.replace(score, runs=99)).broken, "of fewer runs than the record"
+    assert not Verdict("case", dataclasses.replace(FIGURE, value=None), finding, score).broken, "a claim"
 
 
 def test_verify_prints_the_verdicts_and_exits_1_when_one_is_broken(cli, inline, tmp_path, monkeypatch):
@@ -97,6 +127,7 @@ def test_verify_prints_the_verdicts_and_exits_1_when_one_is_broken(cli, inline, 
         assert said.code == code
         assert "agrees" in said.out
         assert "differs" in said.out
+        assert "2 published figures and claims, 2 measured here: 1 agree, 1 differ" in said.out
         assert len(said.errors) == code
     assert said.errors == ["filterbench: printed, kalman, far: recorded as reproduced, but these results do not agree"]
 
@@ -128,7 +159,7 @@ def test_a_published_figure_can_be_measured_or_is_not_called_reproduced(name, pu
         assert parameters.label(ESTIMATORS[published.estimator]) == published.estimator
         assert published.metric in METRICS
         block, _, where = published.block.partition(", ")
-        assert block in [b.name for b in case.blocks] or published.metric == "eta"
+        assert block in [b.name for b in case.blocks] or published.metric in ("eta", "divergence")
         assert not where or where in [f"{side} {r.name}" for r in case.regions for side in ("inside", "outside")]
         assert case.experiment is not None
         assert published.estimator in case.experiment.estimators
