@@ -4,9 +4,11 @@ Every number that has a unit is written with it, as in "15 m" or "0.5 deg"; once
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from suite.errors import BadInput
 from suite.section import ACCELERATION, ANGLE, LENGTH, SPEED, TURN_RATE, Section, Units, Vector, parse
@@ -45,6 +47,7 @@ DENSITY: dict[str, Units] = {
 }
 TURN_DENSITY: Units = {"rad^2/s^3": 1.0, "deg^2/s^3": (math.pi / 180) ** 2}
 FIRST_FIX = "first fix"
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -65,10 +68,17 @@ class Coordinates:
         """Units of a place's coordinates."""
         return [UNITS[name] for name in self.names]
 
+    def on_axes(self, values: Sequence[T]) -> tuple[T, ...]:
+        """What is told in the order of a place's coordinates, in that of the axes of the state: east before north."""
+        return (values[1], values[0], *values[2:]) if self.geodetic else tuple(values)
+
 
 @dataclass(frozen=True)
 class Instrument:
-    """A sensor: the components it measures, the units they are recorded in, its place, its standard deviations."""
+    """A sensor: the components it measures, the units they are recorded in, its place, its standard deviations.
+
+    std: those of a position along the axes of the state.
+    """
 
     name: str
     components: tuple[str, ...]
@@ -90,6 +100,7 @@ class Motion:
 class Prior:
     """Means and standard deviations of the parts of the state that are stated.
 
+    The mean of the position is a place, its standard deviations are along the axes of the state.
     start: its time as it stands in the file; FIRST_FIX when the position is to be taken from the recording.
     """
 
@@ -100,9 +111,13 @@ class Prior:
 
 @dataclass(frozen=True)
 class Description:
-    """What a TOML file says of a recording; a run has diverged beyond `limit` metres for `steps` steps."""
+    """What a TOML file says of a recording; a run has diverged beyond `limit` metres for `steps` steps.
+
+    name: of the case; where none is stated that of the file, with a dash for what a name must not hold.
+    """
 
     path: Path
+    name: str
     title: str
     measurements: Path
     truth: Path | None
@@ -119,7 +134,7 @@ def describe(path: Path) -> Description:
     """The description in a TOML file; the files it names are looked for beside it. Raises BadInput."""
     top = parse(path)
     required = ("title", "measurements", "time", "coordinates", "sensors", "motion", "prior")
-    top.only(*required, "truth", "divergence")
+    top.only(*required, "name", "truth", "divergence")
     title, measurements, time = top.text("title"), top.text("measurements"), top.choice("time", tuple(TIME))
     coordinates = _coordinates(top.section("coordinates"))
     sensors = top.section("sensors")
@@ -133,6 +148,7 @@ def describe(path: Path) -> Description:
         limit, steps = rule.quantities("limit", [LENGTH], above=0.0)[0], rule.count("steps", 1)
     return Description(
         path=path,
+        name=top.text("name") if "name" in top.data else re.sub(r"[^\w.:+-]", "-", path.stem),
         title=title,
         measurements=path.parent / measurements,
         truth=path.parent / top.text("truth") if "truth" in top.data else None,
@@ -171,13 +187,12 @@ def _instrument(name: str, table: Section, coordinates: Coordinates) -> Instrume
     if "elevation" in components and coordinates.dimensions == 2:
         raise BadInput(f"{table.where}: a sensor of kind {kind!r} needs coordinates of 3 dimensions")
     units = [UNITS[c] for c in components]
-    return Instrument(
-        name,
-        components,
-        table.scales("units", units),
-        _place(table, "place", coordinates.units) if placed else None,
-        table.quantities("std", units if placed else [LENGTH] * len(units), above=0.0),
-    )
+    scales = table.scales("units", units)
+    if not placed:
+        std = table.quantities("std", [LENGTH] * len(units), above=0.0)
+        return Instrument(name, components, scales, None, coordinates.on_axes(std))
+    place = _place(table, "place", coordinates.units)
+    return Instrument(name, components, scales, place, table.quantities("std", units, above=0.0))
 
 
 def _motion(table: Section, coordinates: Coordinates) -> Motion:
@@ -196,7 +211,7 @@ def _prior(table: Section, motion: Motion, coordinates: Coordinates) -> Prior:
         units = [UNITS[part]] * (1 if part == "turn_rate" else coordinates.dimensions)
         std[part] = table.quantities(f"{part}_std", units, low=0.0)
         if part == "position":
-            mean[part] = _place(table, part, coordinates.units)
+            mean[part], std[part] = _place(table, part, coordinates.units), coordinates.on_axes(std[part])
         else:  # zero unless it is known
             mean[part] = table.quantities(part, units) if part in table.data else (0.0,) * len(units)
     return Prior(table.value("start"), mean, std)

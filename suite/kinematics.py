@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from suite.jacobian import derivative
+from suite.angles import difference
+from suite.jacobian import derivative, value_and_derivative
 from suite.linalg import Array
 from suite.model import AdditiveTransition, Affine, Function
 from suite.noise import Gaussian
@@ -72,18 +73,48 @@ def sinc(a: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
+class Surface:
+    """A curved ground s Q s + 2 up = 0 under the plane of the state, at s = (x, y, up) in m; bend: Q[3, 3] in 1/m."""
+
+    bend: Array
+
+    def rise(self, place: Sequence[Array], velocity: Sequence[Array]) -> tuple[Array, Array]:
+        """Height [...] over the plane at a place (x, y) in it, and how fast it changes at a velocity (vx, vy) there."""
+        (x, y), bend = place, self.bend
+        aside = [bend[i, 0] * x + bend[i, 1] * y for i in range(3)]
+        half, rest = 1.0 + aside[2], x * aside[0] + y * aside[1]
+        # Near a quarter round the earth the ground stands upright; from there it goes on so that stray points have a height.
+        root = np.sqrt(np.maximum(half * half - bend[2, 2] * rest, 0.01))
+        up = -rest / (half + root)
+        slopes = [(aside[i] + bend[i, 2] * up) / root for i in range(2)]
+        return up, -_dot(slopes, velocity)
+
+
+@dataclass(frozen=True, eq=False)
 class Station:
-    """A place[d] on the ground; the rows of axes[d, d] are its east, north (and up) in the coordinates of the state."""
+    """A place on the ground; the rows of axes[q, q] are its east, north (and up) in the coordinates of place[q].
+
+    These are those of a target in the state. Where there is a surface, q is 3, and targets have two and are on that surface.
+    """
 
     place: Array
     axes: Array
+    surface: Surface | None = None
+
+    @property
+    def dimensions(self) -> int:
+        """How many coordinates a target has in the state."""
+        return len(self.place) if self.surface is None else 2
 
     def look(self, components: Sequence[str]) -> Callable[[Array], list[Array]]:
         """The components of a measurement from here, as a function of the state x[n, ...]."""
-        d = len(self.place)
+        d = self.dimensions
 
         def seen(x: Array) -> list[Array]:
-            away, velocity = [x[i] - self.place[i] for i in range(d)], [x[d + i] for i in range(d)]
+            at, velocity = [x[i] for i in range(d)], [x[d + i] for i in range(d)]
+            if self.surface is not None:
+                at, velocity = [[*part, up] for part, up in zip((at, velocity), self.surface.rise(at, velocity), strict=True)]
+            away = [a - own for a, own in zip(at, self.place, strict=True)]
             distance = np.sqrt(_dot(away, away))
             level = [_dot(row[row != 0], [a for a, entry in zip(away, row, strict=True) if entry]) for row in self.axes]
             rows: dict[str, Callable[[], Array]] = {
@@ -99,10 +130,11 @@ class Station:
     def fix(self, components: Sequence[str], y: Array, cov: Array) -> tuple[Array, Array] | None:
         """The position [d] that a measurement y[m] with covariance [m, m] means, and its covariance to first order.
 
-        None when its components do not determine a position (Bar-Shalom, Li and Kirubarajan, 2001, section 10.4).
+        None when it determines no position, as at range zero (Bar-Shalom, Li and Kirubarajan, 2001, section 10.4).
         """
-        needed = ("range", "bearing", "elevation")[: len(self.place)]
-        if not set(needed) <= set(components):
+        d = self.dimensions
+        needed = ("range", "bearing", "elevation")[:d]
+        if not set(needed) <= set(components) or y[components.index("range")] == 0:
             return None
         rows = [components.index(name) for name in needed]
 
@@ -111,9 +143,17 @@ class Station:
             plane = [level * np.sin(polar[1]), level * np.cos(polar[1])]
             return np.stack(plane if len(polar) == 2 else [*plane, polar[0] * np.sin(polar[2])])
 
-        back = np.linalg.inv(self.axes)
-        slope = back @ derivative(position, y[rows])
-        return self.place + back @ position(y[rows]), slope @ cov[np.ix_(rows, rows)] @ slope.T
+        back, seen, cov = np.linalg.inv(self.axes), y[rows], cov[np.ix_(rows, rows)]
+        if self.surface is None:
+            slope = back @ derivative(position, seen)
+            return self.place + back @ position(seen), slope @ cov @ slope.T
+        look = self.look(needed)
+        found = (self.place + back @ position(np.array([*seen, 0.0])))[:d]
+        for _ in range(9):  # from the horizon down to the surface, by Newton's method
+            expected, slopes = value_and_derivative(lambda x: np.stack(look(x)), np.concat([found, np.zeros(d)]), range(d))
+            off, slope = difference(seen, expected, (1,)), np.asarray(np.linalg.inv(slopes))
+            found = found + slope @ off
+        return (found, slope @ cov @ slope.T) if abs(off[0]) < 1e-3 else None
 
 
 def stacked(parts: Sequence[Callable[[Array], Sequence[Array]]]) -> Function:

@@ -10,7 +10,7 @@ import pymap3d  # type: ignore[import-untyped]
 from suite.columns import Columns, read
 from suite.description import TIME, Description, Instrument
 from suite.errors import BadInput, near
-from suite.kinematics import Station
+from suite.kinematics import Station, Surface
 from suite.linalg import Array
 
 
@@ -33,17 +33,22 @@ class Frame:
 
     def position(self, place: Sequence[float] | Array) -> Array:
         """A place in the coordinates of the state [d]; in two dimensions all is at the height of the origin."""
-        if self.origin is None:
-            return np.array(place, float)
-        latitude, longitude, height = (*place, self.origin[2])[:3]
-        return np.array(pymap3d.geodetic2enu(latitude, longitude, height, *self.origin, deg=False), float)[: self.dimensions]
+        return self._in_space(place)[: self.dimensions]
 
     def station(self, place: Sequence[float]) -> Station:
         """A place that is measured from: its east, north and up are turned against those of the origin."""
-        axes = np.eye(3)
-        if self.origin is not None:
-            axes = _to_earth(*place[:2]).T @ _to_earth(*self.origin[:2])
-        return Station(self.position(place), axes[: self.dimensions, : self.dimensions])
+        at = self._in_space(place)
+        if self.origin is None:
+            return Station(at, np.eye(self.dimensions))
+        axes = _to_earth(*self.origin[:2])
+        return Station(at, _to_earth(*place[:2]).T @ axes, _ground(axes, self.origin) if self.dimensions == 2 else None)
+
+    def _in_space(self, place: Sequence[float] | Array) -> Array:
+        """A place as local metres [d], or as east, north and up of the origin [3]."""
+        if self.origin is None:
+            return np.array(place, float)
+        latitude, longitude, height = (*place, self.origin[2])[:3]
+        return np.array(pymap3d.geodetic2enu(latitude, longitude, height, *self.origin, deg=False), float)
 
 
 def recorded(told: Description) -> tuple[list[Reading], Frame]:
@@ -129,8 +134,10 @@ def _reading(told: Description, table: Columns, row: int, where: tuple[int, Sequ
     y = np.array([table.number(row, c) for c in columns]) * instrument.scale
     if instrument.components[0] == "latitude":
         _on_globe(y[0], table, row, columns[0])
+    if instrument.components[0] == "range" and y[0] < 0:
+        raise BadInput(f"{table.at(row, columns[0])}: a range must be zero or above")
     given = any(c in table.cells and not table.blank(row, c) for c in pairs)
-    return Reading(table.instant(row, told.time), sensor, y, _covariance(table, row, instrument) if given else None)
+    return Reading(table.instant(row, told.time), sensor, y, _covariance(told, table, row, instrument) if given else None)
 
 
 def _on_globe(latitude: float, table: Columns, row: int, column: str) -> None:
@@ -138,8 +145,11 @@ def _on_globe(latitude: float, table: Columns, row: int, column: str) -> None:
         raise BadInput(f"{table.at(row, column)}: a latitude must be from -90 to 90 degrees")
 
 
-def _covariance(table: Columns, row: int, instrument: Instrument) -> Array:
-    """A row's covariance [m, m] in m, s and rad; covariances, but not variances, that are left blank are zero."""
+def _covariance(told: Description, table: Columns, row: int, instrument: Instrument) -> Array:
+    """A row's covariance [m, m] in m, s and rad, of a position along the axes of the state.
+
+    Covariances, but not variances, that are left blank are zero.
+    """
     size = len(instrument.components)
     cov = np.zeros((size, size))
     for i, j in combinations_with_replacement(range(size), 2):
@@ -148,12 +158,14 @@ def _covariance(table: Columns, row: int, instrument: Instrument) -> Array:
             table.need((column,))
         if i == j or (column in table.cells and not table.blank(row, column)):
             cov[i, j] = cov[j, i] = table.number(row, column)
-    scale = np.ones(size) if instrument.components[0] == "latitude" else np.array(instrument.scale)
     try:
         np.linalg.cholesky(cov)
     except np.linalg.LinAlgError:
         raise BadInput(f"{table.at(row)}: the covariance is not positive definite") from None
-    return np.asarray(cov * np.outer(scale, scale))
+    if instrument.components[0] == "latitude":  # in m² already
+        order = told.coordinates.on_axes(range(size))
+        return cov[np.ix_(order, order)]
+    return np.asarray(cov * np.outer(instrument.scale, instrument.scale))
 
 
 def _origin(told: Description, found: Sequence[Reading]) -> tuple[float, ...] | None:
@@ -164,6 +176,15 @@ def _origin(told: Description, found: Sequence[Reading]) -> tuple[float, ...] | 
         if told.instruments[reading.sensor].place is None:
             return (*reading.y.tolist(), 0.0)[:3]
     raise BadInput(f"{told.path}, [coordinates]: no position is measured; state an origin")
+
+
+def _ground(axes: Array, origin: Sequence[float]) -> Surface:
+    """The places at the height of the origin: the ellipsoid with that height added to its semi-axes, exact to 1 cm."""
+    globe = pymap3d.Ellipsoid.from_name("wgs84")
+    equator, pole = globe.semimajor_axis + origin[2], globe.semiminor_axis + origin[2]
+    weights = np.array([equator, equator, pole]) ** -2.0
+    centre = np.array(pymap3d.geodetic2ecef(*origin, deg=False))
+    return Surface(axes.T * weights @ axes / (axes[:, 2] * weights @ centre))
 
 
 def _to_earth(latitude: float, longitude: float) -> Array:

@@ -1,14 +1,13 @@
 """Recordings: one's own measurements as a case, from a CSV or Parquet file and a TOML file that describes it.
 
 The measurements have the columns time, sensor, and z1, z2, ... or the components by their names, such as range and bearing;
-where rows have covariances of their own, also cov11, cov12, cov22, ..., in the units of the components (for a geodetic position
-m², in the order east, north, up). Times do not decrease; a step of the case is a distinct time. The truth has the columns time,
-the position, and what else of the state is known, in m, m/s, m/s², rad/s, and in degrees for latitude and longitude.
+where rows have covariances of their own, also cov11, cov12, cov22, ..., in the order and the units of the components (for a
+geodetic position m²). Times do not decrease; a step of the case is a distinct time. The truth has the columns time, the
+position, and what else of the state is known, in m, m/s, m/s², rad/s, and in degrees for latitude and longitude.
 """
 
 import functools
 import itertools
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -66,7 +65,7 @@ def load(path: Path | str) -> Case:
         linear=tuple(range(frame.dimensions, n - len(names.get("turn_rate", ())))),
     )
     return Case(
-        name=name_of(told.path),
+        name=told.name,
         title=told.title,
         summary=f"A recording: {len(used)} measurements by {len(stations)} sensors at {len(instants)} times, the same in every "
         f"run. Its truth is {'known' if told.truth else 'not known'}.",
@@ -94,8 +93,8 @@ def load(path: Path | str) -> Case:
 
 
 def name_of(path: Path | str) -> str:
-    """The name of the case of a recording: that of its TOML file, with a dash for what a name must not hold."""
-    return re.sub(r"[^\w.:+-]", "-", Path(path).stem)
+    """The name of the case of a recording. Raises BadInput as `load` does."""
+    return describe(Path(path)).name
 
 
 def _names(part: str, frame: Frame) -> tuple[str, ...]:
@@ -167,9 +166,13 @@ def _assumptions(told: Description, dropped: int) -> tuple[str, ...]:
     """What was done to the recording."""
     found = []
     if told.prior.start == FIRST_FIX:
-        found.append(f"The prior is the first measured position; measurements until then ({dropped}) are not used again.")
+        found.append(
+            f"The prior is the first measured position; all else that was measured until then ({dropped - 1} rows) is dropped."
+        )
     if told.coordinates.geodetic:
         found.append("Places are in local east, north and up of WGS84; bearings and elevations are those at each sensor.")
+        if told.coordinates.dimensions == 2:
+            found.append("All is at the height of the origin above WGS84, over the curve of the earth.")
     if told.truth:
         found.append("The truth is linear between its rows.")
     return tuple(found)

@@ -82,7 +82,7 @@ class Section:
         for item, known in zip(self._items(key, len(units)), units, strict=True):
             number, _, unit = str(item).strip().partition(" ")
             try:
-                value = float(number)
+                value = math.nan if "_" in number else float(number)
             except ValueError:
                 value = math.nan
             if not isinstance(item, str) or not unit or not math.isfinite(value):

@@ -3,9 +3,11 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.linalg import block_diag
 
 from suite.case import Case
+from suite.errors import BadInput
 from suite.recording import load
 
 TOML = """
@@ -78,6 +80,16 @@ def write(folder: Path, toml: str = TOML, csv: str | None = CSV, truth: str | No
         if text is not None:
             (folder / name).write_text(text)
     return load(folder / "ferry.toml")
+
+
+def said(folder, *texts):
+    """The message for a recording of these texts, with its folder left out."""
+    with pytest.raises(BadInput) as caught:
+        write(folder, *texts)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(str(folder)), message
+    return message.replace(f"{folder}/", "")
 
 
 def changed(text, old, new):

@@ -29,7 +29,6 @@ from tests.recordings import (
     FLIGHT,
     GPS,
     OWN,
-    PIER,
     POLAR,
     PRIOR_MEAN,
     PRIOR_STD,
@@ -147,17 +146,6 @@ def test_units_do_not_change_the_case(made):
     np.testing.assert_allclose(other.model.sensor.noise.cov, case.model.sensor.noise.cov, rtol=1e-12)
     for k in (1, 2, 3):
         np.testing.assert_allclose(other.model.dynamics.noise_cov(k), case.model.dynamics.noise_cov(k), rtol=1e-12)
-
-
-def test_a_first_fix_in_polar_coordinates_has_the_covariance_of_its_ellipse(made):
-    toml = TOML[: TOML.index("[prior]")] + '[prior]\nstart = "first fix"\nvelocity_std = "10 m/s"\n'
-    prior = made(toml).model.prior
-    bearing = np.deg2rad(38.5)
-    away, across = np.array([np.sin(bearing), np.cos(bearing)]), np.array([np.cos(bearing), -np.sin(bearing)])
-    np.testing.assert_allclose(prior.mean, [*(PIER + 2200 * away), 0, 0], rtol=1e-12)
-    spread = 15**2 * np.outer(away, away) + (2200 * np.deg2rad(0.4)) ** 2 * np.outer(across, across)
-    np.testing.assert_allclose(prior.cov, block_diag(spread, 100 * np.eye(2)), rtol=1e-9, atol=1e-9)
-    assert made(toml).steps == 2
 
 
 def test_rows_with_covariances_of_their_own_agree_with_a_textbook(made):

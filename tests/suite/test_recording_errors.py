@@ -1,29 +1,14 @@
 """What is wrong with a recording is said in one line that names file, line and column, or file, table and key."""
 
-import io
-
 import numpy as np
-import pandas
-import pyarrow
-import pyarrow.parquet
 import pytest
 
 from suite.errors import BadInput
 from suite.recording import load
-from tests.recordings import CSV, FLIGHT, THREE, TOML, TRUTH, changed, without, write
+from tests.recordings import CSV, FLIGHT, THREE, TOML, TRUTH, changed, said, without, write
 
 FIRST = TOML[: TOML.index("start")] + 'start = "first fix"\nvelocity_std = "5 m/s"\n'
 TURN = changed(TOML, '"constant-velocity"', '"coordinated-turn"')
-
-
-def said(folder, *texts):
-    """The message for a recording of these texts, with its folder left out."""
-    with pytest.raises(BadInput) as caught:
-        write(folder, *texts)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert message.startswith(str(folder)), message
-    return message.replace(f"{folder}/", "")
 
 
 DESCRIPTIONS = [
@@ -35,8 +20,9 @@ DESCRIPTIONS = [
     (changed(TOML, 'time = "s"', 'time = "fortnights"'),
      "ferry.toml: unknown time 'fortnights'; known: s, ms, min, h, ISO 8601"),
     (TOML[: TOML.index("[prior]")], "ferry.toml: the key 'prior' is missing"),
+    ("name = 7\n" + TOML, "ferry.toml: name must be a text, got 7"),
     (TOML.replace("[sensors.pier]", "[other]"), "ferry.toml: unknown key 'other'; known: title, measurements, time, "
-     "coordinates, sensors, motion, prior, truth, divergence"),
+     "coordinates, sensors, motion, prior, name, truth, divergence"),
     ("sensors = 3\n" + THREE[: THREE.index("[sensors.gps]")] + THREE[THREE.index("[motion]") :],
      "ferry.toml: sensors must be a table, got 3"),
     (THREE[: THREE.index("[sensors.gps]")] + "[sensors]\n" + THREE[THREE.index("[motion]") :],
@@ -62,6 +48,8 @@ DESCRIPTIONS = [
      "ferry.toml, [sensors.gps]: unknown unit 'cubits' in std; known: m, km, ft, nmi"),
     (changed(TOML, '"4 m", "6 m"', '"4 m", "nan m"'),
      "ferry.toml, [sensors.gps]: std must be a number with its unit, such as '1.5 m', got ['4 m', 'nan m']"),
+    (changed(TOML, '"0.4 deg"', '"1_0 deg"'),
+     "ferry.toml, [sensors.pier]: std must be a number with its unit, such as '1.5 rad', got ['15 m', '1_0 deg']"),
     (changed(TOML, '"km", "deg"', '"km", "grad"'),
      "ferry.toml, [sensors.pier]: unknown unit 'grad' in units; known: rad, mrad, deg"),
     (changed(TOML, '"constant-velocity"', '"constant velocity"'),
@@ -108,6 +96,7 @@ MEASUREMENTS = [
     (CSV + '9,gps,"', "ferry.csv, line 6: is no CSV: Error: unexpected end of data"),
     (changed(CSV, "1090,1930", "1090,1_9"), "ferry.csv, line 3, column 'y': must be a number, got '1_9'"),
     (changed(CSV, "1090,1930", '"1090,5",1930'), "ferry.csv, line 3, column 'x': must be a number, got '1090,5'"),
+    (changed(CSV, "2.2,38.5", "-5e-3,38.5"), "ferry.csv, line 2, column 'range': a range must be zero or above"),
     (changed(CSV, "2.2,38.5", "2,2,38,5"), "ferry.csv, line 2: has 8 cells, the header has 6"),
     (changed(CSV, "time,sensor", '"time\nin s",sensor'),
      "ferry.csv: the column 'time' is missing; there are time in s, sensor, range, bearing, x, y"),
@@ -172,6 +161,7 @@ def test_tracks_that_cannot_begin(tmp_path):
     bearings = changed(changed(changed(FIRST, '["km", "deg"]', '"deg"'), '["15 m", "0.4 deg"]', '"0.4 deg"'), "range-", "")
     assert said(tmp_path, bearings, "time,sensor,bearing,x,y\n0,pier,30,,\n1,pier,31,,\n") == start
     assert said(tmp_path, FIRST, CSV[: CSV.index("1.5,gps")]) == "ferry.csv: nothing is measured after the first fix"
+    assert said(tmp_path, FIRST, "time,sensor,range,bearing,x,y\n0,pier,0,30,,\n1,pier,0,31,,\n") == start
     radar = "time,sensor,z1,z2,z3,z4\n2024-05-01,radar,1,2,3,4\n"
     missing = "ferry.toml, [coordinates]: no position is measured; state an origin"
     assert said(tmp_path, without(THREE, "origin"), radar) == missing
@@ -253,47 +243,3 @@ def test_descriptions_from_windows_read_the_same(tmp_path, spoilt):
     write(tmp_path)
     (tmp_path / "ferry.toml").write_bytes(spoilt(TOML).encode())
     assert load(tmp_path / "ferry.toml").title == "A ferry"
-
-
-def test_two_columns_of_one_name_in_a_parquet_file(tmp_path):
-    table = pyarrow.table([[0.0, 1.0], ["gps", "gps"], [1.0, 2.0], [1.0, 2.0]], names=["time", "sensor", "z1", "z1"])
-    pyarrow.parquet.write_table(table, tmp_path / "ferry.parquet")
-    toml = changed(TOML, "ferry.csv", "ferry.parquet")
-    assert said(tmp_path, toml, None) == "ferry.parquet: there are two columns 'z1'"
-
-
-PARQUET = pandas.read_csv(io.StringIO(FLIGHT)).assign(time=lambda f: pandas.to_datetime(f["time"], format="ISO8601", utc=True))
-
-
-@pytest.mark.parametrize(
-    ("frame", "message"),
-    [
-        (PARQUET.drop(columns="z2"), ": the column 'z2' is missing; there are time, sensor, z1, z3, z4"),
-        (PARQUET.iloc[[1, 0, 2]], ", row 2, column 'time': is before the time of the row above"),
-        (PARQUET.replace("radar", "rader"), ", row 3, column 'sensor': unknown sensor 'rader'; did you mean 'radar'?"),
-        (PARQUET.replace("radar", None), ", row 3, column 'sensor': is blank"),
-        (PARQUET.assign(z3=None), ", row 1, column 'z3': a number is missing"),
-        (PARQUET.assign(z3="high"), ", row 1, column 'z3': must be a number, got 'high'"),
-        (PARQUET.assign(z3=True), ", row 1, column 'z3': must be a number, got True"),
-        (PARQUET.assign(z4=7.0), ", row 1, column 'z4': sensor 'gps' has no such component"),
-        (PARQUET.assign(time=[0.0, 1.0, 2.0]), ", row 1, column 'time': must be a date and time in ISO 8601, got 0.0"),
-        (PARQUET.assign(time=pandas.NaT), ", row 1, column 'time': a time is missing"),
-        (PARQUET.iloc[:0], ": is empty"),
-        (pandas.DataFrame(), ": is empty"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
-def test_faults_of_a_parquet_file(tmp_path, frame, message):
-    frame.to_parquet(tmp_path / "ferry.parquet")
-    assert said(tmp_path, changed(THREE, "ferry.csv", "ferry.parquet"), None) == f"ferry.parquet{message}"
-
-
-@pytest.mark.parametrize("kind", ["float", "Int64", "string"])
-def test_a_parquet_file_names_its_rows(tmp_path, kind):
-    frame = pandas.DataFrame({"time": [0.0, 1.0], "sensor": ["gps", "gps"], "z2": [1.0, 2.0]})
-    frame["z1"] = pandas.Series(["1", None] if kind == "string" else [1, None], dtype=kind)
-    frame.to_parquet(tmp_path / "ferry.parquet")
-    toml = changed(TOML, "ferry.csv", "ferry.parquet")
-    assert said(tmp_path, toml, None) == "ferry.parquet, row 2, column 'z1': a number is missing"
-    (tmp_path / "ferry.parquet").write_text("no parquet")
-    assert said(tmp_path, toml, None).startswith("ferry.parquet: is no Parquet file: ArrowInvalid: ")

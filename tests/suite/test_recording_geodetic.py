@@ -101,9 +101,95 @@ def test_in_the_plane_all_is_at_the_height_of_the_origin(made):
     places = np.array([[47.02, 9.03], [47.024, 9.034], [47.01, 9.02]])
     first, last, mast = np.transpose(pymap3d.geodetic2enu(*places.T, 420.0, 47, 9, 420.0)[:2])
     np.testing.assert_allclose(case.model.prior.mean, [*first, 0, 0], rtol=1e-12)
-    np.testing.assert_array_equal(case.model.prior.cov[:2, :2], [[4, 1], [1, 9]])
+    np.testing.assert_array_equal(case.model.prior.cov[:2, :2], [[9, 1], [1, 4]])
     truth = case.simulate(1)
     np.testing.assert_allclose(truth.x[:, :2, 0], [(first + last) / 2, first + 0.75 * (last - first)], rtol=1e-10)
     np.testing.assert_allclose(case.landmarks[0][1:], mast, rtol=1e-12)
     seen = case.model.sensor.mean(np.array([*last, 0, 0])[:, None], 1)
-    np.testing.assert_allclose(seen[:, 0], [*last, np.linalg.norm(last - mast)], rtol=1e-12)
+    away = pymap3d.geodetic2aer(47.024, 9.034, 420.0, 47.01, 9.02, 420.0)[2]
+    np.testing.assert_allclose(seen[:, 0], [*last, away], rtol=1e-10)
+    assert any("height of the origin" in said for said in case.assumptions)
+
+
+def test_deviations_and_covariances_stand_in_the_order_of_latitude_longitude_height(made):
+    toml = changed(THREE, 'std = "5 m"', 'std = ["1 m", "100 m", "6 m"]')
+    rows = FLIGHT.splitlines()
+    own = "\n".join([rows[0] + ",cov11,cov12,cov13,cov22,cov23,cov33", *(r + ",,,,,," for r in (rows[1], rows[3]))])
+    own += "\n2024-05-01T13:00:00Z,gps,45.976,7.658,4531,,4,1,2,100,3,49\n"
+    case = made(toml, own)
+    # Latitude grows to the north, the second axis of the state.
+    np.testing.assert_allclose(np.diag(case.model.prior.cov)[:3], np.square([100, 1, 6]), rtol=1e-12)
+    np.testing.assert_allclose(np.diag(case.model.sensor.noise(1).cov)[:3], np.square([100, 1, 6]), rtol=1e-12)
+    np.testing.assert_array_equal(case.model.sensor.noise(2).cov[:3, :3], [[100, 1, 3], [1, 4, 2], [3, 2, 49]])
+    place = 'position = ["46 deg", "8 deg", "7 m"]\nposition_std = ["2 m", "30 m", "4 m"]\n'
+    stated = made(changed(toml, '"first fix"', "2024-05-01T11:00:00Z") + place, FLIGHT).model.prior
+    np.testing.assert_allclose(stated.mean[:3], pymap3d.geodetic2enu(46, 8, 7, 46.017, 7.75, 1673), rtol=1e-9)
+    np.testing.assert_allclose(np.diag(stated.cov)[:3], np.square([30, 2, 4]), rtol=1e-12)
+    plane = made(changed(PLANE, 'units = "deg", std = "5 m"', 'units = "deg", std = ["1 m", "8 m"]'), *PLANE_FILES)
+    np.testing.assert_allclose(np.diag(plane.model.prior.cov)[:2], [64, 1], rtol=1e-12)
+    np.testing.assert_allclose(np.diag(plane.model.sensor.noise.cov)[:2], [64, 1], rtol=1e-12)
+
+
+PLANE_FILES = "time,sensor,z1,z2\n0,gps,47.02,9.03\n3,mast,1600,\n", "time,latitude,longitude\n0,47,9\n4,47,9\n"
+COAST = (
+    changed(without(PLANE, "sensors.mast"), "420 m", "4000 m")
+    + """
+[sensors.radar]
+kind = "range-bearing-rate"
+place = ["48.5 deg", "10.5 deg"]
+units = ["m", "deg", "m/s"]
+std = ["10 m", "0.1 deg", "1 m/s"]
+"""
+)
+COASTS = "time,sensor,z1,z2,z3\n0,gps,47,9,\n1,radar,1,2,3\n", "time,latitude,longitude\n0,47,9\n4,47,9\n"
+
+
+def test_in_the_plane_what_is_far_is_seen_over_the_curve_of_the_earth(made):
+    sensor, rng = made(COAST, *COASTS).model.sensor, np.random.default_rng(4)
+    latitude, longitude, height = rng.uniform(38, 56, 40), rng.uniform(-5, 23, 40), np.full(40, 4000.0)
+    radar, x = (48.5, 10.5, 4000.0), np.zeros((4, 40))
+
+    def placed(latitude, longitude):
+        return np.array(pymap3d.geodetic2enu(latitude, longitude, height, 47, 9, 4000.0)[:2])
+
+    turns = rng.normal(0, 1e-3, (2, 40))  # degrees a second
+    x[:2] = placed(latitude, longitude)
+    x[2:] = (placed(latitude + 0.01 * turns[0], longitude + 0.01 * turns[1]) - x[:2]) / 0.01
+    azimuth, _, distance = pymap3d.geodetic2aer(latitude, longitude, height, *radar)
+    later = pymap3d.geodetic2aer(latitude + 0.01 * turns[0], longitude + 0.01 * turns[1], height, *radar)[2]
+    found = sensor.mean(x, 1)[2:]
+    assert distance.max() > 1e6
+    np.testing.assert_allclose(found[0], distance, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(np.rad2deg(found[1]) % 360, azimuth, atol=1e-7)
+    np.testing.assert_allclose(found[2], (later - distance) / 0.01, atol=1e-3)
+    for j, step in enumerate((10.0, 10.0, 1.0, 1.0)):
+        aside = step * np.eye(4)[:, j, None]
+        slope = (sensor.mean(x + aside, 1) - sensor.mean(x - aside, 1)) / (2 * step)
+        np.testing.assert_allclose(sensor.jacobian(x, 1)[:, j], slope, rtol=1e-5, atol=1e-10)
+
+
+def test_in_the_plane_points_beyond_the_edge_of_the_earth_are_seen_somewhere(made):
+    sensor = made(COAST, *COASTS).model.sensor
+    away = np.array([6.3e6, 6.4e6, 1e7, 1e9])
+    for x in (np.outer([1, 0, 3, 0], away), np.outer([0, -1, 0, 3], away), np.outer([-1, 1, 1, 2], away)):
+        assert np.isfinite(sensor.mean(x, 1)).all()
+        assert np.isfinite(sensor.jacobian(x, 1)).all()
+        assert (np.diff(sensor.mean(x, 1)[2]) > 0).all()
+
+
+@pytest.mark.parametrize("target", [(45.2, 14.1, 4000.0), (49.5, 3.0, 4000.0)], ids=["in the south-east", "in the west"])
+def test_a_first_fix_in_the_plane_is_where_a_far_radar_sees_it(made, target):
+    azimuth, _, distance = pymap3d.geodetic2aer(*target, 48.5, 10.5, 4000.0)
+    assert distance > 4e5
+    csv = changed(COASTS[0], "0,gps,47,9,\n1,radar,1,2,3", f"0,radar,{distance:.6f},{azimuth:.12f},0\n1,gps,47,9,")
+    model = made(COAST, csv, COASTS[1]).model
+    np.testing.assert_allclose(model.prior.mean[:2], pymap3d.geodetic2enu(*target, 47, 9, 4000.0)[:2], rtol=0, atol=1e-3)
+    slope = model.sensor.jacobian(model.prior.mean[:, None], 1)[2:4, :2, 0]
+    back = slope @ model.prior.cov[:2, :2] @ slope.T
+    np.testing.assert_allclose(back, np.diag([10, np.deg2rad(0.1)]) ** 2, rtol=1e-8, atol=1e-8)
+
+
+def test_a_range_as_wide_as_the_sky_is_no_fix(made):
+    csv = changed(COASTS[0], "0,gps,47,9,\n1,radar,1,2,3", "0,radar,1e12,2,0\n1,gps,47,9,\n2,gps,47,9,")
+    model = made(COAST, csv, COASTS[1]).model
+    np.testing.assert_allclose(model.prior.mean, np.zeros(4), atol=1e-6)
