@@ -138,7 +138,7 @@ def ground(track: Tracks, card: Card, marks: Mapping[str, Mark], name: str, titl
 
     Where nothing is known of the truth, the estimator by which the run was chosen stands in for it: its start, its extent.
     """
-    shown = _places(track.truth) if np.isfinite(track.truth).any() else _places(track.estimates[track.chosen_by])
+    shown = _places(track.truth if track.known else track.estimates[track.chosen_by])
     if card.plane is None or not shown.size:
         return None
     unit, factor = _ground_unit(card, shown)
@@ -168,7 +168,7 @@ def ground(track: Tracks, card: Card, marks: Mapping[str, Mark], name: str, titl
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
         _dress(axes)
-        return svg.inline(axes.figure, name, title, f"Truth and estimates of {', '.join(track.estimates)} on the ground plane")
+        return svg.inline(axes.figure, name, title, f"{title}, of {', '.join(track.estimates)}")
 
 
 def _places(track: Array) -> Array:

@@ -20,7 +20,7 @@ FEW_CASES = 3
 NAMES_IN_A_LIST = 5
 BOUND_NAMES = {
     POSTERIOR: "posterior Cramér-Rao bound",
-    CONDITIONAL: "Cramér-Rao bound of each trajectory, averaged",
+    CONDITIONAL: "covariance linearised along each truth (no bound)",
     KNOWN_MODES: "Cramér-Rao bound of filters that are told the modes",
     BEST_FIT: "error predicted by the Gaussian motion that fits the modes best (no bound)",
 }
@@ -64,6 +64,8 @@ def _clause(case: CaseView, key: Key, superlative: str, thing: str) -> str:
     """Who is best on a case, or why nobody can be said to be."""
     scored, leaders = case.with_score(key), case.leaders(key)
     where = f"on {case.card.name},"
+    if not scored and not (case.known or METRICS[key[0]].timed):
+        return f"{where} nobody can be ranked by {thing}, since the truth is not known"
     if not scored:
         return f"{where} no estimator has {_an(thing)}"
     if not leaders and len(scored) == 1:
@@ -113,21 +115,30 @@ def _robustness(cases: Sequence[CaseView]) -> str:
     total = sum(cell.total for _, cell in cells)
     wrong = [(case, cell, cell.lost + cell.failed) for case, cell in cells if cell.lost + cell.failed]
     away = [(case, cell, n) for case, cell in cells if (n := diverged(cell))]
+    untold = sum(cell.total for case, cell in cells if not case.known)
     refused = sum(cell.status == "refused" for _, cell in cells)
-    parts = [
-        f"{_share(sum(n for *_, n in wrong), 'failed or was lost', 'failed or were lost')}{_who(wrong)}",
-        f"{_share(sum(n for *_, n in away), 'diverged', 'diverged')}{_who(away)}",
-    ]
+    failed = f"{_share(sum(n for *_, n in wrong), 'failed or was lost', 'failed or were lost')}{_who(wrong)}"
+    if untold == total:
+        strayed = "; whether any diverged cannot be told, since the truth is not known"
+    else:
+        strayed = f" and {_share(sum(n for *_, n in away), 'diverged', 'diverged')}{_who(away)}"
+        strayed += f"; whether {count(untold, 'run')} without a known truth diverged cannot be told" if untold else ""
     tail = (
         f"; {count(refused, 'combination')} of estimator and case {'is' if refused == 1 else 'are'} refused" if refused else ""
     )
-    return f"Of {count(total, 'run')}, {parts[0]} and {parts[1]}{tail}." if total else f"No run could be counted{tail}."
+    return f"Of {count(total, 'run')}, {failed}{strayed}{tail}." if total else f"No run could be counted{tail}."
 
 
 def diverged(cell: CellView) -> int:
     """How many of the counted runs diverged by the case's definition."""
     score = cell.scores.get(("divergence", "runs"))
     return round(score.value * score.runs) if score and math.isfinite(score.value) else 0
+
+
+def bound_name(bound: BlockBound) -> str:
+    """What a bound is called; one that comes with a reason holds for other truths, or for a part of them."""
+    loose = bound.reason and bound.kind in (POSTERIOR, KNOWN_MODES)
+    return BOUND_NAMES[bound.kind] + (" (no strict bound here)" if loose else "")
 
 
 def bounded(bounds: Sequence[tuple[BlockBound, Array, Array]]) -> str:
@@ -137,15 +148,16 @@ def bounded(bounds: Sequence[tuple[BlockBound, Array, Array]]) -> str:
         if bound.kind == NONE:
             found.append(f" There is no bound: {bound.reason}.")
             continue
+        name = bound_name(bound)
         if not (value > 0).any():
-            found.append(f" The {BOUND_NAMES[bound.kind]} is zero.")
+            found.append(f" The {name} is zero.")
             continue
         share = float(np.nanmax(error[value > 0] / value[value > 0], initial=0.0))
         percent = f"{100 * share:.1g}" if share < 0.095 else f"{100 * share:.0f}"
         wide = f", its standard error by Monte Carlo up to {percent} %" if share > 0.0005 else ""
-        found.append(f" The {line} line without marks is the {BOUND_NAMES[bound.kind]}{wide}.")
+        found.append(f" The {line} line without marks is the {name}{wide}.")
     reasons = dict.fromkeys(bound.reason for bound, *_ in bounds if bound.reason and bound.kind != NONE)
-    return "".join(found) + "".join(f" Of the bound: {reason}." for reason in reasons)
+    return "".join(found) + "".join(f" {reason[:1].upper()}{reason[1:]}." for reason in reasons)
 
 
 def _share(n: int, one: str, many: str) -> str:

@@ -36,13 +36,18 @@ class Series:
 
 @dataclass(frozen=True)
 class Tracks:
-    """One run on the ground plane: truth[2, T] and the estimates[2, T] by label."""
+    """One run on the ground plane: truth[2, T], NaN where it is not known, and the estimates[2, T] by label."""
 
     run: int
     chosen_by: str
     truth: Array
     estimates: dict[str, Array]
     missing: tuple[str, ...]
+
+    @property
+    def known(self) -> bool:
+        """Whether a place of the truth is known."""
+        return bool(np.isfinite(self.truth).all(0).any())
 
 
 def over_time(case: CaseResults, metric: Metric, labels: Sequence[str]) -> dict[str, list[Series]]:
@@ -66,7 +71,10 @@ def _series(cell: Cell, metric: Metric, values: Array) -> Series:
 
 
 def tracks(case: CaseResults, labels: Sequence[str]) -> Tracks | None:
-    """The run whose error on the ground plane is the median of the first estimator that has one; None without any."""
+    """The run whose error on the ground plane is the median of the first estimator of which a run came through.
+
+    Where none of its errors is known, the first that came through; None without any.
+    """
     cells = [case.cells[label] for label in labels if label in case.cells and case.cells[label].runs]
     if case.card.plane is None or not cells:
         return None
@@ -78,8 +86,8 @@ def tracks(case: CaseResults, labels: Sequence[str]) -> Tracks | None:
         squared = ((first.estimate.mean - first.truth.x)[:, plane] ** 2).sum(1)
         error = weighted_mean(squared.T, np.ones((1, len(squared))))[:, 0]
     usable = np.flatnonzero(first.estimate.ok)
-    order = usable[np.argsort(error[usable], kind="stable")]
-    run = first.runs[order[(len(order) - 1) // 2]]
+    order = usable[np.argsort(error[usable], kind="stable")]  # unknown errors come last
+    run = first.runs[order[max((~np.isnan(error[usable])).sum() - 1, 0) // 2]]
     truth = case.truth_of[run].x[:, plane].T
     estimates = {}
     for cell in cells:

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from reports.text import Quantity, quantity
 from suite.metrics import METRICS, Metric, Score
 from suite.plan import TIMING
 from suite.results import CaseResults, Cell
-from suite.score import standings, status
+from suite.score import scores, standings, status
 from suite.statistics import LEVEL
 
 Key = tuple[str, str]
@@ -19,7 +21,7 @@ AS_PAPERS_DO = ("mean-error", "maximum-error", "mse", "pooled-rmse", "run-rmse",
 SHOWN = [metric for name, metric in METRICS.items() if name not in AS_PAPERS_DO]
 """Metrics of the pages' tables; the others measure as one paper or the other does, and serve to compare with it."""
 WITHOUT_TRUTH = ("nis", "whiteness", "likelihood")
-"""Metrics that are shown only where no error can be: the truth is not known."""
+"""Metrics that are shown only where no error can be held against its covariance: the truth is not known, or not wholly."""
 PERCENT = f"{100 * LEVEL:g} %"
 
 
@@ -70,12 +72,13 @@ class CellView:
 
 @dataclass(frozen=True)
 class CaseView:
-    """A case with its cells, one for every estimator of the results, run or not."""
+    """A case with its cells, one for every estimator of the results, run or not; known: whether anything is of its truth."""
 
     results: CaseResults
     cells: dict[str, CellView]
     keys: tuple[Key, ...]
     runs: int
+    known: bool
 
     @property
     def card(self) -> Any:
@@ -110,13 +113,14 @@ def view(case: CaseResults, labels: Sequence[str]) -> CaseView:
         for label, standing in ranked.get(key, {}).items():
             if label in cells:
                 cells[label].standing[key] = standing
-    return CaseView(case, cells, keys, len(case.truth_of))
+    truths = case.truth_of.values()
+    return CaseView(case, cells, keys, len(truths), not truths or any(np.isfinite(truth.x).any() for truth in truths))
 
 
 def _keys(case: CaseResults, cells: dict[str, CellView]) -> tuple[Key, ...]:
-    """Metrics and blocks that any cell has, in the order of the metrics and of the case's blocks."""
-    found = {key for cell in cells.values() for key in cell.scores}
-    if any(metric == "rmse" for metric, _ in found):
+    """Metrics and blocks of which any cell has a value, be it infinite, in the order of the metrics and of the blocks."""
+    found = {key for cell in cells.values() for key, score in cell.scores.items() if not math.isnan(score.value)}
+    if any(metric == "nees" for metric, _ in found):
         found = {key for key in found if key[0] not in WITHOUT_TRUTH}
     place = {block.name: i for i, block in enumerate(case.card.blocks)}
     order = list(METRICS)
@@ -145,7 +149,7 @@ def _cell(cell: Cell | None, label: str) -> CellView:
 
 
 def _scores(cell: Cell, metrics: Any) -> dict[Key, Score]:
-    return {(metric.name, block): score for metric in metrics for block, score in cell.scores(metric).items()}
+    return {(metric.name, block): score for metric in metrics for block, score in scores(cell, metric).items()}
 
 
 def loss(metric: Metric, value: float, best: float) -> float:

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import pandas
 
 from suite.case import RECORDED
 from suite.linalg import Array
-from suite.metrics import Metric
+from suite.metrics import Metric, Score
 from suite.results import CaseResults, Cell, Results
 from suite.statistics import jackknife
 
@@ -39,14 +39,22 @@ def _case_rows(case: CaseResults, metrics: Sequence[Metric], estimators: set[str
             continue
         told = cell.meta.get("told", "")
         base = {"case": case.card.name, "seed": case.seed, "estimator": label, "told": told, **status(cell)}
-        scores = [(m, b, s) for m in metrics for b, s in cell.scores(m).items()]
-        if not scores:
+        found = [(m, b, s) for m in metrics for b, s in scores(cell, m).items()]
+        if not found:
             rows.append(base)
-        for metric, block, score in scores:
+        for metric, block, score in found:
             standing = marks[metric.name, block].get(label, "")
             values = {"value": score.value, "low": score.low, "high": score.high, "runs": score.runs, "total": score.total}
             rows.append({**base, "metric": metric.name, "block": block, "unit": score.unit, "standing": standing, **values})
     return rows
+
+
+def scores(cell: Cell, metric: Metric) -> dict[str, Score]:
+    """A cell's scores by block; rates on a recording without interval: its runs are of the same data, and may be copies."""
+    found = cell.scores(metric)
+    if cell.case.card.origin != RECORDED or not metric.binomial:
+        return found
+    return {block: replace(score, low=math.nan, high=math.nan) for block, score in found.items()}
 
 
 def status(cell: Cell) -> dict[str, Any]:

@@ -55,12 +55,15 @@ def print_verdicts(found: Iterable[Verdict]) -> None:
 
 
 def print_scores(frame: Any) -> None:
-    """Print a table of scores for each case."""
+    """Print a table of scores for each case, without the metrics of which no estimator has a value where others have any."""
     for case, group in frame.groupby("case", sort=False):
         rows = []
+        valued = {(r.metric, r.block) for r in group.itertuples() if r.value == r.value}
         for r in group.itertuples():
             if r.status in ("refused", "not run") or not isinstance(r.metric, str):
                 rows.append((r.estimator, r.status, r.reason, "", "", ""))
+                continue
+            if valued and (r.metric, r.block) not in valued:
                 continue
             mark = {score.BEST: "best", score.TIED: "tied for best"}.get(r.standing, "")
             value = f"{r.value:.4g} {r.unit}" if r.value == r.value else "none"

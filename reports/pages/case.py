@@ -6,15 +6,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
 from reports import figures, series
 from reports.formula import mathml
 from reports.marks import Mark
-from reports.sentences import bounded, diverged
+from reports.sentences import bound_name, bounded, diverged
 from reports.series import Series, Tracks
 from reports.text import count, listed, number, tick, within
 from reports.views import PERCENT, CaseView, CellView, Key
+from suite.bounds import NONE
 from suite.case import RECORDED, with_unit
 from suite.case_bounds import BlockBound
 from suite.linalg import Array
@@ -151,13 +153,20 @@ def _figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str, Ma
         lines = errors.get(block.name, [])
         title = f"RMSE of {block.name} over time"
         bounds = [(bound, bound.value[:, i], bound.error[:, i]) for bound in results.bounds]
-        yield _over_time(lines, marks, f"rmse-{i}", title, with_unit("RMSE", block.unit), bounds=bounds)
+        if not _unknown(lines):
+            yield _over_time(lines, marks, f"rmse-{i}", title, with_unit("RMSE", block.unit), bounds=bounds)
     lines = series.consistency(results, labels)
     title = "Normalised estimation error squared over time"
-    yield _over_time(lines, marks, "nees", title, "NEES", METRICS["nees"].better)
+    if not _unknown(lines):
+        yield _over_time(lines, marks, "nees", title, "NEES", METRICS["nees"].better)
     if results.card.modes:
         lines = series.modes(results, labels)
         yield _over_time(lines, marks, "brier", "Brier score of the mode probabilities over time", "Brier score")
+
+
+def _unknown(lines: Sequence[Series]) -> bool:
+    """Whether runs came through, and yet nothing is known of them at any step, as where the truth is not."""
+    return bool(lines) and all(np.isnan(line.value).all() for line in lines)
 
 
 def _over_time(
@@ -183,8 +192,9 @@ def _over_time(
         if line.hidden:
             caption += f" {line.label}: {count(line.hidden, 'step')} of {len(line.value)} without a finite value, not drawn."
     header = ["time (s)", *(f"{s.label}{what}" for s in lines for what in ("", ", low", ", high"))]
-    header += [f"bound, {each.kind}" for each, _, _ in bounds]
-    rows, note = _table(lines, [value for _, value, _ in bounds])
+    named = [(bound_name(each), value) for each, value, _ in bounds if each.kind != NONE]
+    header += [name for name, _ in named]
+    rows, note = _table(lines, [value for _, value in named])
     return FigureView(name, title, caption, drawing, [s.label for s in lines], header, rows, note)
 
 
@@ -227,22 +237,25 @@ def _ground(results: CaseResults, track: Tracks, marks: Mapping[str, Mark]) -> F
     card = results.card
     assert card.plane is not None
     x, y = (card.state[i] for i in card.plane)
-    title = "Truth and estimates on the ground plane"
+    title = "Truth and estimates on the ground plane" if track.known else "Estimates on the ground plane"
     drawing = figures.ground(track, card, marks, "fig-ground", title)
     caption = (
         f"Run {track.run}, the one whose error on this plane is the median of the runs of {track.chosen_by}. "
         "The circle marks the start, the thin line without marks the truth."
+        if track.known
+        else f"Run {track.run}, the first of {track.chosen_by} that came through. The truth is not known; "
+        f"the circle marks the first estimate of {track.chosen_by}."
     )
     if card.landmarks:
         caption += f" Triangles: {listed([name for name, *_ in card.landmarks], 8)}."
     if track.missing:
         caption += f" Not drawn: {listed(track.missing)}, which did not come through this run."
-    header = ["time (s)", f"truth {x}", f"truth {y}", *(f"{label} {c}" for label in track.estimates for c in (x, y))]
+    places = [*([("truth", track.truth)] if track.known else []), *track.estimates.items()]
+    header = ["time (s)", *(f"{name} {c}" for name, _ in places for c in (x, y))]
     steps = track.truth.shape[1]
     rows = [
-        [tick(float(card.time[k])), *(f"{float(v):.6g}".replace("-", "−") for v in (
-            *track.truth[:, k], *(e for place in track.estimates.values() for e in place[:, k])))]
+        [tick(float(card.time[k])), *(f"{float(e):.6g}".replace("-", "−") for _, place in places for e in place[:, k])]
         for k in series.sampled(steps, TABLE_ROWS)
-    ]  # fmt: skip
+    ]
     note = "" if len(rows) == steps else f"{len(rows)} of {steps} steps, spread evenly."
     return FigureView("ground", title, caption, drawing, list(track.estimates), header, rows, note)

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from reports.text import listed, slugs
-from reports.views import CaseView, CellView, Key, loss
+from reports.views import WITHOUT_TRUTH, CaseView, CellView, Key, loss
 from suite.metrics import METRICS, Metric
 from suite.score import BEST
 
@@ -50,13 +50,18 @@ class Shown:
 
 
 def choices(cases: Sequence[CaseView]) -> list[Choice]:
-    """All metrics and blocks that any case has, in the order of the metrics; the default one is the first."""
+    """All metrics and blocks that any case has, in the order of the metrics; the default one is the first.
+
+    That is the RMSE of each case's first block, unless the truth of no case is known.
+    """
     keys = list(dict.fromkeys(key for metric in METRICS for case in cases for key in case.keys if key[0] == metric))
     ids = slugs([f"{metric} {block}" for metric, block in keys])
     found = [
         Choice(ids[f"{metric} {block}"], METRICS[metric], block, _title(METRICS[metric], block), *_reading(METRICS[metric]))
         for metric, block in keys
     ]
+    if found and not any(case.known for case in cases):
+        return found
     rmse = METRICS["rmse"]
     firsts = list(dict.fromkeys(case.card.blocks[0].name for case in cases if case.card.blocks))
     words = f"RMSE: {FIRST}" + (f" ({listed(firsts, 3)})" if firsts else "")
@@ -94,6 +99,8 @@ def shown(case: CaseView, cell: CellView, choice: Choice, best: float) -> Shown:
         return _absent(case, cell, choice)
     if cell.status in ("failed", "lost") and not (choice.metric.timed or choice.metric.binomial):
         return Shown(cell.status, cell.status, runs=f"0 of {cell.total} runs", note=cell.reason)
+    if math.isnan(score.value):
+        return _absent(case, cell, choice)
     words = cell.quantity(key)
     whole = score.runs == score.total
     runs = "" if whole else f"{score.runs} of {score.total} runs"
@@ -117,6 +124,9 @@ def _absent(case: CaseView, cell: CellView, choice: Choice) -> Shown:
         return Shown(cell.status, cell.status, note=cell.reason)
     if choice.metric.timed:
         return Shown("absent", "not timed", note="no running times are stored for this estimator on this case")
+    if choice.key(case) in cell.scores:
+        why = "" if case.known or choice.metric.name in WITHOUT_TRUTH else ": the truth is not known"
+        return Shown("absent", "none", note=f"it has no {choice.metric.title} on this case{why}")
     if choice.metric.unit != "block":
         return Shown("absent", "none", note=f"it has no {choice.metric.title} on this case")
     names = listed([b.name for b in case.card.blocks])

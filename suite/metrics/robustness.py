@@ -39,8 +39,8 @@ DIVERGENCE = Metric(
     better="lower",
     formula=r"\frac{1}{R} \sum_{r=1}^{R} \left[ \text{run } r \text{ is beyond the limit for } j \text{ steps on end} \right]",
     words="Share of runs in which the error stays beyond the case's limit for its number of consecutive steps, or in which "
-    "the estimator lost the target altogether; the interval is the exact binomial one. Steps whose truth is not known are "
-    "left out.",
+    "the estimator lost the target altogether; the interval is the exact binomial one; on a recording, whose runs are "
+    "all of the same data, a table of scores gives none. Steps whose truth is not known are left out.",
     reference="C. J. Clopper, E. S. Pearson, The use of confidence or fiducial limits, Biometrika 26, 1934 (the interval)",
     fn=diverged,
     binomial=True,

@@ -63,6 +63,23 @@ def test_the_median_run_is_found_by_the_steps_that_are_known():
     assert series.tracks(results(walked(1), (3.0, 7.0, 1.0)), ["ekf"]).run == 0
 
 
+def test_runs_of_unknown_truth_have_no_part_in_the_median():
+    x = walked()
+    x[..., 1] = np.nan
+    assert series.tracks(results(x), ["ekf"]).run == 2  # of 7 and 3 the lower
+    assert series.tracks(results(walked(0, 1, 2, 3)), ["ekf"]).run == 0
+    far = series.tracks(results(walked(), (1e200, 1e200, 1e200)), ["ekf"])  # squares overflow, and are known to be large
+    assert (far.run, far.known) == (1, True)
+
+
+def test_a_place_is_known_by_both_its_coordinates():
+    x = walked()
+    x[:, 0], x[2, 0], x[2, 1] = np.nan, 3.0, np.nan
+    assert not series.tracks(results(x), ["ekf"]).known
+    x[2, 1] = 4.0
+    assert series.tracks(results(x), ["ekf"]).known
+
+
 def test_without_a_truth_the_estimates_are_drawn_where_they_are():
     track = series.tracks(results(walked(0, 1, 2, 3), (500.0, 500.0, 500.0)), ["ekf"])
     track = dataclasses.replace(track, estimates={"ekf": track.estimates["ekf"] + np.arange(4.0)})

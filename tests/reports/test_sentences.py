@@ -1,12 +1,17 @@
 """The sentences at the top of the overview."""
 
+import dataclasses
+import re
+
 import numpy as np
 import pytest
 
 from reports.sentences import bounded, headline
+from reports.site import render
 from reports.views import private, view
 from suite import bounds
 from suite.case_bounds import BlockBound
+from suite.results import CaseResults
 
 
 def sentences(loaded):
@@ -89,11 +94,42 @@ def bound(kind, reason="", value=(2.0, 3.0), error=(0.0, 0.0)):
         ([bound(bounds.NONE, "no slopes", value=(np.nan, np.nan))], " There is no bound: no slopes."),
         (
             [bound(bounds.KNOWN_MODES, "a track"), bound(bounds.BEST_FIT, "a track")],
-            " The dashed line without marks is the Cramér-Rao bound of filters that are told the modes. The dotted line "
-            "without marks is the error predicted by the Gaussian motion that fits the modes best (no bound). Of the bound: a "
-            "track.",
+            " The dashed line without marks is the Cramér-Rao bound of filters that are told the modes (no strict bound here). "
+            "The dotted line without marks is the error predicted by the Gaussian motion that fits the modes best (no bound). "
+            "A track.",
+        ),
+        (
+            [bound(bounds.CONDITIONAL, "no noise there")],
+            " The dashed line without marks is the covariance linearised along each truth (no bound). No noise there.",
         ),
     ],
 )
 def test_bounds_are_named_as_what_they_are(given, words):
     assert bounded(given) == words
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason", "head"),
+    [
+        (bounds.CONDITIONAL, "no noise there", "covariance linearised along each truth (no bound)"),
+        (bounds.POSTERIOR, "a given track", "posterior Cramér-Rao bound (no strict bound here)"),
+        (bounds.KNOWN_MODES, "", "Cramér-Rao bound of filters that are told the modes"),
+        (bounds.BEST_FIT, "", "error predicted by the Gaussian motion that fits the modes best (no bound)"),
+    ],
+)
+def test_a_column_of_numbers_is_headed_as_its_line_is_called(tools, tmp_path, monkeypatch, kind, reason, head):
+    loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted()], seconds=0).load()
+    stored = loaded.cases["easy"].bounds[0]
+    monkeypatch.setattr(CaseResults, "bounds", [dataclasses.replace(stored, kind=kind, reason=reason)])
+    page = render(loaded, "x")["case-easy.html"]
+    assert page.count(f'<th scope="col">{head}</th>') == page.count(f"line without marks is the {head}.") == 2
+    assert len(re.findall("<th[^>]*>[^<]*bound", page)) == 2
+
+
+def test_where_there_is_no_bound_no_column_has_its_name(tools, tmp_path, monkeypatch):
+    loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted()], seconds=0).load()
+    none = dataclasses.replace(loaded.cases["easy"].bounds[0], kind=bounds.NONE, reason="no noise")
+    monkeypatch.setattr(CaseResults, "bounds", [none])
+    page = render(loaded, "x")["case-easy.html"]
+    assert page.count("There is no bound: no noise.") == 2
+    assert not re.search("<th[^>]*>[^<]*bound", page)

@@ -140,7 +140,7 @@ def test_figures_of_errors_have_the_bound(tools, tmp_path):
     loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted()]).load()
     page = render(loaded, "filterbench report")["case-easy.html"]
     assert page.count("The dashed line without marks is the posterior Cramér-Rao bound.") == 2
-    assert page.count("bound, posterior") == 2
+    assert page.count('<th scope="col">posterior Cramér-Rao bound</th>') == 2
     assert number(float(loaded.cases["easy"].bounds[0].value[0, 0])) in page
 
 

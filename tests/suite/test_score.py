@@ -1,13 +1,17 @@
 """Who is best, who ties: on cells made by hand."""
 
+import dataclasses
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from suite.case import Card, Divergence, StateBlock, Truth
+from suite.case import FROM_MODEL, RECORDED, Card, Divergence, StateBlock, Truth
 from suite.estimator import FAILED, LOST, OK, Estimate
 from suite.metrics import METRICS
 from suite.results import CaseResults, Cell
-from suite.score import BEST, TIED, standings
+from suite.score import BEST, TIED, scores, standings, table
+from suite.tables import print_scores
 
 CARD = Card(
     name="toy", title="", summary="", steps=10, interval=1.0, state=("x",), blocks=(StateBlock("position", (0,), "m"),),
@@ -99,3 +103,36 @@ def test_throughput_is_better_high_and_latency_low():
 
 def test_one_cell_alone_is_best_of_nothing():
     assert ranked(a={}) == {}
+
+
+def test_a_rate_has_no_interval_where_all_runs_are_of_the_same_data():
+    for origin, high in ((FROM_MODEL, 1 - 0.025 ** (1 / RUNS)), (RECORDED, np.nan)):
+        made = cell(CaseResults(dataclasses.replace(CARD, origin=origin), 0, []), "a")
+        rate = scores(made, METRICS["divergence"])["runs"]
+        assert (rate.value, rate.runs, rate.total) == (0.0, RUNS, RUNS)
+        assert rate.high == pytest.approx(high, nan_ok=True)
+        assert np.isnan(rate.low) == (origin == RECORDED)
+        error = scores(made, METRICS["rmse"])["position"]
+        assert 0 < error.low < error.value < error.high
+
+
+def printed(capsys, metrics, **cells):
+    """Metrics that the printed table shows, by estimator."""
+    case = CaseResults(CARD, 0, [])
+    case.cells = {label: cell(case, label, **given) for label, given in cells.items()}
+    print_scores(table(SimpleNamespace(cases={"toy": case}), [METRICS[m] for m in metrics], ["toy"], cells))
+    rows = [[part.strip() for part in line.split("│")] for line in capsys.readouterr().out.splitlines() if "│" in line]
+    return {label: [(row[2], row[3]) for row in rows if row[1] == label] for label in cells}
+
+
+def test_what_no_estimator_of_a_case_has_is_not_printed(capsys):
+    unknown = {"errors": np.full_like(ERRORS, np.nan)}
+    rmse, nees = np.sqrt((ERRORS**2).mean(2)).mean(), (ERRORS**2).mean()
+    assert printed(capsys, ["rmse", "nees"], a={}, b=unknown) == {
+        "a": [("rmse:position", f"{rmse:.4g} m"), ("nees:state", f"{nees:.4g}")],
+        "b": [("rmse:position", "none"), ("nees:state", "none")],
+    }
+    assert printed(capsys, ["rmse", "nees"], a={"variance": 0.0}, b=unknown)["a"][1] == ("nees:state", "inf")
+    timed = {"seconds": 1e-3 * np.ones((10, 8))}
+    assert printed(capsys, ["rmse", "latency"], a=unknown | timed) == {"a": [("latency:step", "1000 µs")]}
+    assert printed(capsys, ["rmse"], a=unknown) == {"a": [("rmse:position", "none")]}
