@@ -44,11 +44,11 @@ class Profile:
         return known.select(case.experiment.estimators if self.as_published and case.experiment else ())
 
 
-STEPS, STATES = 100, 10
+STEPS, STATES = 50, 10
 PROFILES = {
     p.name: p
     for p in (
-        Profile("quick", 12, fewest=4, block=6, time_limit=600.0),
+        Profile("quick", 12, fewest=3, block=6, time_limit=600.0),
         Profile("paper", 100, fewest=100, block=5, time_limit=3600.0, as_published=True),
     )
 }

@@ -18,7 +18,7 @@ from suite.random import Streams
 FAULTS = (Exception, SystemExit, GeneratorExit)
 """What an estimator may raise and be charged with: all but an interrupt, which is the user's."""
 TIMED_STEPS, TIMED_RUNS, REPEATS = 50, 20, 5
-TIMED_SECONDS = 0.2
+TIMED_SECONDS = 0.1
 """About how long a timed call may take: slow estimators are timed over fewer steps."""
 
 

@@ -59,21 +59,30 @@ def test_the_paper_profile_runs_the_experiment_of_a_case(known):
     plain = known.cases["linear-gaussian"]
     case = dataclasses.replace(plain, experiment=ran)
     quick, paper = (plan.PROFILES[name] for name in ("quick", "paper"))
-    assert (paper.runs_of(case), paper.runs_of(plain), quick.runs_of(case)) == (7, 100, 12)
+    assert (paper.runs_of(case), paper.runs_of(plain), quick.runs_of(case)) == (7, 100, 6)
     assert [parameters.label(e) for e in paper.estimators_of(case, known.estimators)] == ["kalman", "bootstrap[particles=5]"]
     for profile, given in ((paper, plain), (quick, case)):
         assert profile.estimators_of(given, known.estimators) == list(known.estimators.values())
 
 
 def test_long_cases_get_fewer_runs_in_the_quick_profile(known):
-    """As many run-steps as 12 runs of 100 steps, but no fewer than four runs; the paper profile knows no such thing."""
+    """As many run-steps as 12 runs of 50 steps, but no fewer than three runs; the paper profile knows no such thing."""
     case = known.cases["linear-gaussian"]
     long = {steps: dataclasses.replace(case, steps=steps) for steps in (1, 40, 100, 150, 299, 400, 10_000)}
     quick, paper = ({s: plan.PROFILES[name].runs_of(c) for s, c in long.items()} for name in ("quick", "paper"))
-    assert quick == {1: 12, 40: 12, 100: 12, 150: 8, 299: 4, 400: 4, 10_000: 4}
+    assert quick == {1: 12, 40: 12, 100: 6, 150: 4, 299: 3, 400: 3, 10_000: 3}
     assert set(paper.values()) == {100}
-    known_to_few = plan.make(known, {long[400]: (), case: ()}, plan.PROFILES["quick"].runs_of, 1, 6, ())
-    assert spans(known_to_few, plan.TRUTH) == [(0, 4), (0, 6), (6, 6)]
+    known_to_few = plan.make(known, {long[400]: (), long[40]: ()}, plan.PROFILES["quick"].runs_of, 1, 6, ())
+    assert spans(known_to_few, plan.TRUTH) == [(0, 3), (0, 6), (6, 6)]
+
+
+def test_large_states_get_fewer_runs_in_the_quick_profile(known):
+    """From ten components on in proportion; a matrix of the state has their square."""
+    runs = {n: plan.PROFILES["quick"].runs_of(known.cases[f"high-dimensional/{n}"]) for n in (5, 10, 20, 50)}
+    assert runs == {5: 12, 10: 12, 20: 12, 50: 12}
+    wide = dataclasses.replace(known.cases["high-dimensional/50"], steps=40)
+    assert plan.PROFILES["quick"].runs_of(wide) == 3
+    assert plan.PROFILES["quick"].runs_of(dataclasses.replace(known.cases["high-dimensional/20"], steps=40)) == 7
 
 
 def test_truth_comes_first_and_timing_last(make):
