@@ -11,8 +11,9 @@ import numpy as np
 import pandas
 
 from suite.case import RECORDED, Case, Divergence, Equation, StateBlock, Truth
+from suite.kinematics import polynomial
 from suite.linalg import Array
-from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
+from suite.model import AdditiveSensor, StateSpaceModel
 from suite.noise import Gaussian
 from suite.random import Generators
 
@@ -76,16 +77,7 @@ def driven(drive: Drive, rng: Generators) -> Truth:
 def assumed(drive: Drive, scale: float, sigma: float) -> StateSpaceModel:
     """What filters assume: nearly constant velocity, ranges of `scale` times the distance with deviation `sigma` in m."""
     t, _, x = recorded(drive)
-    elapsed = np.diff(t)
     sites = np.array(drive.beacons).T
-
-    def motion(k: int) -> Array:
-        return np.kron([[1.0, elapsed[k - 1]], [0.0, 1.0]], np.eye(2))
-
-    @functools.cache
-    def noise(k: int) -> Gaussian:
-        dt = elapsed[k - 1]
-        return Gaussian.noise(drive.intensity * np.kron([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]], np.eye(2)))
 
     def distance(x: Array, k: int) -> Array:
         at = sites.reshape(2, -1, *(1,) * (x.ndim - 1))
@@ -94,7 +86,7 @@ def assumed(drive: Drive, scale: float, sigma: float) -> StateSpaceModel:
 
     return StateSpaceModel(
         prior=Gaussian(x[0], np.diag(PRIOR) ** 2),
-        dynamics=AdditiveTransition(Affine(motion), noise),
+        dynamics=polynomial(np.diff(t).tolist(), [drive.intensity] * 2, order=1),
         sensor=AdditiveSensor(distance, Gaussian.diagonal([sigma**2] * len(BEACONS))),
         linear=(2, 3),
     )

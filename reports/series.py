@@ -9,7 +9,7 @@ import numpy as np
 from suite.linalg import Array
 from suite.metrics import METRICS, Metric
 from suite.results import CaseResults, Cell
-from suite.statistics import weighted_mean
+from suite.statistics import mean_over_time, weighted_mean
 
 BAND_POINTS = 200
 """Steps at which the interval over time is computed; the line itself has all steps."""
@@ -83,8 +83,7 @@ def tracks(case: CaseResults, labels: Sequence[str]) -> Tracks | None:
     if first is None:
         return None
     with np.errstate(all="ignore"):
-        squared = ((first.estimate.mean - first.truth.x)[:, plane] ** 2).sum(1)
-        error = weighted_mean(squared.T, np.ones((1, len(squared))))[:, 0]
+        error = mean_over_time(((first.estimate.mean - first.truth.x)[:, plane] ** 2).sum(1))[0]
     usable = np.flatnonzero(first.estimate.ok)
     order = usable[np.argsort(error[usable], kind="stable")]  # unknown errors come last
     run = first.runs[order[max((~np.isnan(error[usable])).sum() - 1, 0) // 2]]

@@ -101,9 +101,9 @@ def _take_recordings(options: argparse.Namespace) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     known = load_catalog(options.plugin)
-    profile = plan.PROFILES[options.profile]
+    profile, named = plan.PROFILES[options.profile], known.estimators.select(options.estimator)
     chosen = {
-        case: known.estimators.select(options.estimator) if options.estimator else profile.estimators_of(case, known.estimators)
+        case: named if options.estimator else profile.estimators_of(case, known.estimators)
         for case in known.cases.select(options.case)
     }
     store = Store(options.results, create=True) if not options.dry_run else _store_if_any(options.results)
@@ -204,9 +204,10 @@ def _verify(options: argparse.Namespace) -> int:
     print(f"{len(found)} published figures and claims, {counts}; where all agree in truth, 5 of 100 differ by chance")
     broken = [v for v in found if v.broken]
     for v in broken:
-        assert v.finding is not None
-        recorded, now = v.finding.verdict, "agree" if v.agrees else "do not agree"
-        _complain(f"{v.case}, {v.published.estimator}, {v.published.quantity}: recorded as {recorded}, but these results {now}")
+        now = "agree" if v.agrees else "do not agree"
+        _complain(
+            f"{v.case}, {v.published.estimator}, {v.published.quantity}: recorded as {v.recorded}, but these results {now}"
+        )
     return TROUBLE if broken or loaded.damages else DONE
 
 

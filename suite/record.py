@@ -110,7 +110,7 @@ class Recorder:
     def failure(self, block: WorkBlock, reason: str) -> Report:
         """Store a block whose worker did not come back, as failed."""
         if block.kind in (TRUTH, BOUND):
-            return Report(block, block.count, reason)  # nothing to store; each estimator of the case will say so itself
+            return Report(block, block.count, reason)  # nothing to store; of a truth each estimator will say so itself
         if block.kind == TIMING:
             return self.timing(block, Timing(np.full((1, 1), np.nan), (1,), FAILED, reason))
         case = self.catalog.cases[block.case]

@@ -26,6 +26,11 @@ def weighted_mean(contributions: Array, weights: Array) -> Array:
     return np.where(endless, np.inf, mean)
 
 
+def mean_over_time(contributions: Array) -> Array:
+    """Mean over time of each run's contributions[T, R], those that are NaN left out: [1, R]."""
+    return weighted_mean(contributions.T, np.ones((1, len(contributions)))).T
+
+
 def jackknife(statistic: Statistic, runs: int, level: float = LEVEL) -> tuple[Array, Array, Array]:
     """Value [S] of a smooth statistic of independent runs, and its jackknife interval [S], [S] (Tukey, 1958).
 

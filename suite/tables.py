@@ -45,11 +45,11 @@ def print_verdicts(found: Iterable[Verdict]) -> None:
     for case, group in itertools.groupby(found, key=lambda v: v.case):
         rows = []
         for v in group:
-            p, s, recorded = v.published, v.score, v.finding.verdict if v.finding else "not examined"
+            p, s = v.published, v.score
             theirs = "claim" if p.value is None else f"{p.value:g} {p.unit}".strip()
             ours = f"{s.value:.4g} [{s.low:.4g}, {s.high:.4g}], {s.runs} runs" if s else "not here"
             now = {None: "", True: "agrees", False: "differs"}[v.agrees]
-            rows.append((p.estimator, p.quantity, p.where, theirs, ours, now, recorded))
+            rows.append((p.estimator, p.quantity, p.where, theirs, ours, now, v.recorded))
         header = ("estimator", "quantity", "where", "published", "here, 95 % interval", "now", "recorded verdict")
         print_table(case, header, rows)
 

@@ -7,7 +7,6 @@ from decimal import Decimal
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import fisher_exact
 
 from suite.metrics import METRICS, Score
 from suite.published import NOT_REPRODUCED, REPRODUCED, Finding, Key, Published
@@ -30,6 +29,11 @@ class Verdict:
     score: Score | None
 
     @property
+    def recorded(self) -> str:
+        """The verdict that was recorded before."""
+        return self.finding.verdict if self.finding else "not examined"
+
+    @property
     def distance(self) -> float | None:
         """How far the measured value is from the published one, see `distance`; None when there is nothing to compare."""
         return None if self.score is None or self.published.value is None else distance(self.score, self.published)
@@ -45,7 +49,7 @@ class Verdict:
         if self.finding is None or self.score is None or self.distance is None or self.score.runs < self.finding.runs:
             return False
         clearly = {REPRODUCED: self.distance > CLEAR, NOT_REPRODUCED: self.distance < 1 / CLEAR}
-        return clearly.get(self.finding.verdict, False)
+        return clearly.get(self.recorded, False)
 
 
 def verdicts(cases: Iterable[CaseResults], findings: Mapping[Key, Finding]) -> Iterator[Verdict]:
@@ -76,6 +80,8 @@ def distance(score: Score, published: Published) -> float:
     assert published.value is not None
     theirs = published.runs or UNSTATED
     if METRICS[published.metric].binomial:
+        from scipy.stats import fisher_exact  # takes a second to import; few figures are rates
+
         counts = [(round(rate * runs), runs) for rate, runs in ((score.value, score.runs), (published.value, theirs))]
         return float(ndtri(1 - fisher_exact(np.array([[n, runs - n] for n, runs in counts])).pvalue / 2) / ndtri(0.975))
     if score.low <= 0 or published.value <= 0:

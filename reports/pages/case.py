@@ -110,7 +110,7 @@ def _published(verdict: Verdict) -> dict[str, Any]:
         "runs": finding.runs if finding else 0,
         "here": within(score.value, score.low, score.high, unit) if score else "",
         "here_runs": score.runs if score else 0,
-        "verdict": finding.verdict if finding else "not examined",
+        "verdict": verdict.recorded,
         "reason": finding.reason if finding else "",
         "broken": verdict.broken,
     }

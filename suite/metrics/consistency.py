@@ -6,7 +6,7 @@ from suite.case import Card, Truth
 from suite.estimator import Estimate
 from suite.linalg import Array
 from suite.metrics.metric import Contributions, Metric
-from suite.statistics import weighted_mean
+from suite.statistics import mean_over_time
 
 LAGS = 10
 """Most lags of the correlation of innovations; fewer where a component has less than five measurements a lag."""
@@ -78,8 +78,7 @@ def log_density(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
     """Mean log-likelihood of a run over the steps at which something was measured [1, R]."""
     if estimate.loglik is None:
         return {}
-    values = np.where(np.isnan(truth.y).all(1), np.nan, estimate.loglik)
-    return {"measurement": weighted_mean(values.T, np.ones((1, len(values)))).T}
+    return {"measurement": mean_over_time(np.where(np.isnan(truth.y).all(1), np.nan, estimate.loglik))}
 
 
 def exponential(values: Array) -> Array:

@@ -6,7 +6,7 @@ from suite.case import Card, Truth
 from suite.estimator import Estimate
 from suite.linalg import Array
 from suite.metrics.metric import Contributions, Metric
-from suite.statistics import weighted_mean
+from suite.statistics import mean_over_time
 
 
 def squared_error(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
@@ -30,7 +30,7 @@ def of_components(case: Card, truth: Truth, estimate: Estimate) -> Contributions
 def over_time(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
     """Mean over time of each run's squared Euclidean error, by state block [1, R]."""
     squared = squared_error(case, truth, estimate)
-    return {block: weighted_mean(values.T, np.ones((1, len(values)))).T for block, values in squared.items()}
+    return {block: mean_over_time(values) for block, values in squared.items()}
 
 
 def of_runs(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
