@@ -239,6 +239,7 @@ def case(name: str, scene: Scene, words: str, start: Start, sources: tuple[str, 
         state=("x", "vx", "y", "vy"),
         blocks=(StateBlock("position", (0, 2), "km"), StateBlock("velocity", (1, 3), "km/s")),
         divergence=Divergence("position", limit=0.5 * scene.range, steps=5),
+        calm=f"{FAMILY}/{name}-straight" if turns else "",
         reference="Z. Radosavljević, S. Stanković, Sekvencijalna metoda za detekciju manevra aviona (in Serbian)",
         equations=(
             Equation("Straight flight, on both axes", r"x_k = x_{k-1} + T \dot x_{k-1} + \frac{T^2}{2} w_k, \quad "

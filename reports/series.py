@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from suite.linalg import Array
-from suite.metrics import METRICS, Metric
+from suite.metrics import METRICS, Metric, counted
 from suite.results import CaseResults, Cell
-from suite.statistics import mean_over_time, weighted_mean
+from suite.statistics import mean_over_time, means
 
 BAND_POINTS = 200
 """Steps at which the interval over time is computed; the line itself has all steps."""
@@ -56,6 +56,8 @@ def over_time(case: CaseResults, metric: Metric, labels: Sequence[str]) -> dict[
     for label in labels:
         cell = case.cells.get(label)
         for block, values in (cell.contributions(metric) if cell else {}).items():
+            known = counted(values)
+            values = values[:, known if known.any() else cell.estimate.ok]  # of unknown truths nothing is known of any run
             if values.shape[1]:
                 found.setdefault(block, []).append(_series(cell, metric, values))
     return found
@@ -65,7 +67,7 @@ def _series(cell: Cell, metric: Metric, values: Array) -> Series:
     steps = len(values)
     at = np.unique(np.linspace(0, steps - 1, min(steps, BAND_POINTS)).round().astype(int))
     with np.errstate(all="ignore"):
-        value = metric.link(weighted_mean(values, np.ones((1, values.shape[1]))))[:, 0]
+        value = means(values).map(metric.link).value
         _, low, high = metric.over_time(values[at])
     return Series(cell.label, cell.case.card.time, value, at, low, high, values.shape[1], len(cell.runs))
 

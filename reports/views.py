@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 
 from reports.text import Quantity, quantity
-from suite.metrics import METRICS, Metric, Score
+from suite.metrics import METRICS, SURVIVING, Metric, Score
 from suite.plan import TIMING
 from suite.results import CaseResults, Cell
-from suite.score import scores, standings, status
+from suite.score import all_survived, scores, standings, status
 from suite.statistics import LEVEL
 
 Key = tuple[str, str]
 """A metric and a block."""
-AS_PAPERS_DO = ("mean-error", "maximum-error", "mse", "pooled-rmse", "run-rmse", "run-rmse-sd")
+AS_PAPERS_DO = ("mean-error", "absolute-error", "maximum-error", "mse", "pooled-rmse", "run-rmse", "run-rmse-sd")
 SHOWN = [metric for name, metric in METRICS.items() if name not in AS_PAPERS_DO]
 """Metrics of the pages' tables; the others measure as one paper or the other does, and serve to compare with it."""
-WITHOUT_TRUTH = ("nis", "whiteness", "likelihood")
+WITHOUT_TRUTH = ("nis", "whiteness", "loglik")
 """Metrics that are shown only where no error can be held against its covariance: the truth is not known, or not wholly."""
 PERCENT = f"{100 * LEVEL:g} %"
 
@@ -120,6 +120,8 @@ def view(case: CaseResults, labels: Sequence[str]) -> CaseView:
 def _keys(case: CaseResults, cells: dict[str, CellView]) -> tuple[Key, ...]:
     """Metrics and blocks of which any cell has a value, be it infinite, in the order of the metrics and of the blocks."""
     found = {key for cell in cells.values() for key, score in cell.scores.items() if not math.isnan(score.value)}
+    if all_survived({(c.label, *key): score.runs for c in cells.values() for key, score in c.scores.items()}):
+        found = {key for key in found if not key[1].endswith(SURVIVING)}
     if any(metric == "nees" for metric, _ in found):
         found = {key for key in found if key[0] not in WITHOUT_TRUTH}
     place = {block.name: i for i, block in enumerate(case.card.blocks)}

@@ -113,6 +113,7 @@ class Card:
     times: tuple[float, ...] = ()
     regions: tuple[Region, ...] = ()
     experiment: Experiment | None = None
+    calm: str = ""
 
     @property
     def time(self) -> Array:
@@ -154,8 +155,9 @@ class Case(Card):
     generate takes the generators of a batch of runs and returns their Truth; it may differ from the model. `data`
     names the files it reads. interval is the time between steps in seconds, the usual one where `times` gives that of each
     step; plane, the two state components to draw on the ground; landmarks and regions, named points and parts of that plane.
-    origin, one of `ORIGINS`, says where truths come from; experiment, what the paper of the case ran. modes and nominal follow
-    from a model that has several modes.
+    origin, one of `ORIGINS`, says where truths come from; experiment, what the paper of the case ran; calm, the name of the
+    case that is alike but has no manoeuvres: false alarms are counted there. modes and nominal follow from a model that has
+    several modes.
     """
 
     model: Model

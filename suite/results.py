@@ -13,7 +13,7 @@ from suite.case_bounds import BlockBound
 from suite.errors import BadInput
 from suite.estimator import TRACES, VECTORS, Estimate, alike, join
 from suite.linalg import Array
-from suite.metrics import Metric, Score
+from suite.metrics import Evidence, Metric, Score
 from suite.metrics.metric import Contributions
 from suite.plan import BOUND, ESTIMATE, REFUSAL, TIMING, TRUTH
 from suite.store import Damage, Entry, Store, read
@@ -73,12 +73,28 @@ class Cell:
         """How many runs there are of each status."""
         return {s: self.estimate.status.count(s) for s in ("ok", "lost", "failed")} if self.runs else {}
 
+    @functools.cached_property
+    def evidence(self) -> Evidence | None:
+        """What metrics of accuracy look at; None without runs."""
+        if not self.runs:
+            return None
+        twin = self.case.calm.cells.get(self.label) if self.case.calm else None
+        calm = twin.estimate if twin and twin.runs else None
+        return Evidence(self.case.card, self.truth, self.estimate, self.case.bounds, calm, self.particles)
+
+    @property
+    def particles(self) -> int | None:
+        """How many particles the estimator carries; None where its parameters do not say."""
+        found = self.meta.get("parameters", {}).get("particles")
+        return found if isinstance(found, int) else None
+
     def contributions(self, metric: Metric) -> Contributions:
-        """Contributions of the runs that count, by block, computed once; empty when there is nothing to look at."""
+        """Contributions of the runs, by block, computed once; empty when there is nothing to look at."""
         if metric.name not in self._contributions:
-            source = self.timing if metric.timed else self.estimate if self.runs else None
-            truth = _NO_TRUTH if metric.timed or source is None else self.truth
-            self._contributions[metric.name] = metric.contributions(self.case.card, truth, source) if source else {}
+            looked_at = self.evidence
+            if metric.timed:
+                looked_at = Evidence(self.case.card, _NO_TRUTH, self.timing, particles=self.particles) if self.timing else None
+            self._contributions[metric.name] = metric.contributions(looked_at) if looked_at else {}
         return self._contributions[metric.name]
 
     def scores(self, metric: Metric) -> dict[str, Score]:
@@ -108,6 +124,8 @@ class CaseResults:
     truths: list[Entry]
     cells: dict[str, Cell] = field(default_factory=dict)
     bound: Entry | None = None
+    calm: "CaseResults | None" = None
+    """The twin of the case in which no manoeuvre happens."""
 
     @functools.cached_property
     def bounds(self) -> list[BlockBound]:
@@ -173,6 +191,8 @@ def load(
         case.bound = next((e for e in reversed(mine) if e.meta["kind"] == BOUND), None)
         _fill(case, mine, estimator_order)
         cases[name] = case
+    for case in cases.values():
+        case.calm = cases.get(case.card.calm)
     used = sum(len(c.truths) + (c.bound is not None) + sum(_size(cell) for cell in c.cells.values()) for c in cases.values())
     return Results(Path(folder), cases, entries, len(entries) - used, damages)
 

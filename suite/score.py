@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,17 +10,18 @@ import numpy as np
 import pandas
 
 from suite.case import RECORDED
+from suite.diagnosis import remarks
 from suite.linalg import Array
-from suite.metrics import Metric, Score
+from suite.metrics import SURVIVING, Metric, Score, counted
 from suite.results import CaseResults, Cell, Results
-from suite.statistics import jackknife
+from suite.statistics import LEVEL, Resampled, below_zero
 
 BEST, TIED = "best", "tied"
 ROUNDING = 1e-6
 """Relative differences below this are rounding between two ways to compute the same thing, whatever their sign."""
 COLUMNS = (
     "case", "seed", "estimator", "metric", "block", "value", "low", "high", "unit", "runs", "total", "lost", "failed",
-    "standing", "status", "reason", "told",
+    "standing", "status", "reason", "told", "remarks",
 )  # fmt: skip
 
 
@@ -38,12 +39,13 @@ def _case_rows(case: CaseResults, metrics: Sequence[Metric], estimators: set[str
         if label not in estimators:
             continue
         told = cell.meta.get("told", "")
-        base = {"case": case.card.name, "seed": case.seed, "estimator": label, "told": told, **status(cell)}
+        said = "; ".join(remark.words for remark in remarks(cell))
+        base = {"case": case.card.name, "seed": case.seed, "estimator": label, "told": told, "remarks": said, **status(cell)}
         found = [(m, b, s) for m in metrics for b, s in scores(cell, m).items()]
         if not found:
             rows.append(base)
         for metric, block, score in found:
-            standing = marks[metric.name, block].get(label, "")
+            standing = marks.get((metric.name, block), {}).get(label, "")
             values = {"value": score.value, "low": score.low, "high": score.high, "runs": score.runs, "total": score.total}
             rows.append({**base, "metric": metric.name, "block": block, "unit": score.unit, "standing": standing, **values})
     return rows
@@ -73,13 +75,21 @@ def status(cell: Cell) -> dict[str, Any]:
     return {"status": words.get(lost + failed, "partly failed"), "reason": reason, "lost": lost, "failed": failed}
 
 
+def all_survived(runs: Mapping[tuple[str, str, str], int]) -> bool:
+    """Whether scores over surviving runs say nothing new, from the runs behind each estimator's metrics and blocks."""
+    behind = f", {SURVIVING}"
+    return all(
+        n == runs[label, metric, block.removesuffix(behind)]
+        for (label, metric, block), n in runs.items()
+        if block.endswith(behind)
+    )
+
+
 def standings(case: CaseResults, metrics: Sequence[Metric]) -> dict[tuple[str, str], dict[str, str]]:
-    """For every metric and block, the estimator that is best, or those that tie for it, by label."""
-    return {key: _standing(case, *key, metric) for metric in metrics for key in _keys(case, metric)}
-
-
-def _keys(case: CaseResults, metric: Metric) -> set[tuple[str, str]]:
-    return {(metric.name, block) for cell in case.cells.values() for block in cell.scores(metric)}
+    """For every metric and block by which estimators are ranked, the one that is best, or those that tie for it, by label."""
+    barred = {label for label, cell in case.cells.items() if any(remark.bars for remark in remarks(cell))}
+    keys = {(m.name, block): m for m in metrics if m.ranked for cell in case.cells.values() for block in cell.scores(m)}
+    return {key: _standing(case, key[1], metric, barred) for key, metric in keys.items()}
 
 
 @dataclass(frozen=True)
@@ -87,61 +97,68 @@ class _Candidate:
     label: str
     contributions: Array
     runs: tuple[int, ...]
-    loss: float
+
+    def loss(self, metric: Metric, runs: Sequence[int]) -> Resampled:
+        """The loss over some of its runs."""
+        whole = tuple(runs) == self.runs
+        chosen = self.contributions if whole else self.contributions[..., [self.runs.index(r) for r in runs]]
+        return metric.resampled(chosen).map(lambda value: loss(metric, value))
 
 
-def _standing(case: CaseResults, name: str, block: str, metric: Metric) -> dict[str, str]:
-    """Best: every other estimator is worse beyond the interval of the paired difference. Tied: not so.
+def _standing(case: CaseResults, block: str, metric: Metric, barred: Collection[str]) -> dict[str, str]:
+    """Best: every other estimator is worse beyond chance. Tied: the runs cannot tell which of the marked ones is best.
 
-    An estimator with a failed or lost run is neither, and one without a rival is not best of anything. Nor is any on a
-    recording, whose runs are all of the same data. Scores are turned into losses, see `_loss`.
+    The marked ones hold the best with 95 % confidence: each of the others is worse than one of them by a one-sided paired
+    test at 5 % divided by the number of rivals. An estimator with a failed or lost run, or with a remark that bars it,
+    competes for no place, and one without a rival is not best of anything. Nor is any on a recording, whose runs are all of
+    the same data, or among the runs that survived, since those are not the same for all. Scores are turned into losses,
+    see `loss`.
     """
-    if case.card.origin == RECORDED and not metric.timed:
+    if (case.card.origin == RECORDED and not metric.timed) or block.endswith(f", {SURVIVING}"):
         return {}
     scored = {label: cell for label, cell in case.cells.items() if block in cell.scores(metric)}
     candidates = []
     for label, cell in scored.items():
         score = cell.scores(metric)[block]
         whole = cell.counts.get("lost", 0) + cell.counts.get("failed", 0) == 0
-        if whole and np.isfinite(score.value) and score.runs > 1:
+        if whole and (metric.timed or label not in barred) and np.isfinite(score.value) and score.runs > 1:
             values = cell.contributions(metric)[block]
-            runs = tuple(range(values.shape[1])) if metric.timed else tuple(cell.runs)
-            candidates.append(_Candidate(label, values, runs, float(_loss(metric, np.array([score.value]))[0])))
+            numbers = np.arange(values.shape[-1]) if metric.timed else np.asarray(cell.runs)
+            known = counted(values)
+            candidates.append(_Candidate(label, values[..., known], tuple(numbers[known].tolist())))
     if not candidates or len(scored) < 2:
         return {}
-    leader = min(candidates, key=lambda c: c.loss)
-    level = [c.label for c in candidates if c is not leader and not _worse(metric, c, leader)]
-    return dict.fromkeys([leader.label, *level], TIED) if level else {leader.label: BEST}
+    level = (1 - LEVEL) / max(len(candidates) - 1, 1)
+    cache: dict[tuple[str, tuple[int, ...]], Resampled] = {}
+
+    def beaten(one: _Candidate, other: _Candidate) -> bool:
+        common = one.runs if one.runs == other.runs else tuple(sorted(set(one.runs) & set(other.runs)))
+        if len(common) < 2:
+            return False
+        for each in (one, other):
+            if (each.label, common) not in cache:
+                cache[each.label, common] = each.loss(metric, common)
+        mine, theirs = cache[one.label, common], cache[other.label, common]
+        if not np.isfinite(theirs.value[0]):  # an error of exactly zero
+            return bool(mine.value[0] > theirs.value[0])
+        difference = theirs - mine
+        return bool(difference.centre_and_error()[0][0] < -ROUNDING and below_zero(difference)[0] < level)
+
+    best = [one.label for one in candidates if not any(beaten(one, other) for other in candidates if other is not one)]
+    return dict.fromkeys(best, TIED) if len(best) > 1 else dict.fromkeys(best, BEST)
 
 
-def _worse(metric: Metric, other: _Candidate, leader: _Candidate) -> bool:
-    """Whether the interval of the paired difference of losses lies above zero."""
-    common = sorted(set(other.runs) & set(leader.runs))
-    if len(common) < 2:
-        return False
-    a, b = (c.contributions[:, [c.runs.index(r) for r in common]] for c in (other, leader))
+def loss(metric: Metric, value: Array) -> Array:
+    """Smaller is better: the logarithm of the value, its negative, or how far it misses its target.
 
-    def difference(weights: Array) -> Array:
-        return _loss(metric, metric.average(a)(weights)) - _loss(metric, metric.average(b)(weights))
-
-    _, low, _ = jackknife(difference, len(common))
-    return bool(low[0] > ROUNDING) if np.isfinite(leader.loss) else other.loss > leader.loss  # an error of exactly zero
-
-
-def _loss(metric: Metric, value: Array) -> Array:
-    """Smaller is better: the logarithm of the value, its negative, or how many times it misses its target.
-
-    Ratios, not differences: an average over runs that are wild now and then, or over a few timed calls, is skew. A rate
-    may be zero and stays as it is.
+    Ratios, not differences, of what is never negative: an average over runs that are wild now and then, or over a few timed
+    calls, is skew. A rate may be zero and stays as it is.
     """
-    if metric.binomial:
-        return value
-    with np.errstate(divide="ignore"):
-        if metric.better == "lower":
-            return np.log(value)
-        if metric.better == "higher":
-            return -np.log(value)
-        return np.abs(np.log(value / float(metric.better)))
+    with np.errstate(all="ignore"):
+        scaled = value if metric.binomial or metric.signed else np.log(value)
+        if isinstance(metric.better, str):
+            return scaled if metric.better == "lower" else -scaled
+        return np.abs(scaled - (metric.better if metric.signed else np.log(metric.better)))
 
 
 def to_json(frame: pandas.DataFrame) -> str:

@@ -1,81 +1,123 @@
-"""Intervals over Monte Carlo runs, for smooth functions of run averages."""
+"""Intervals over Monte Carlo runs, for statistics that are computed of all runs and without each run in turn."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import betaincinv, stdtrit
+from scipy.special import betaincinv, stdtr, stdtrit
 
 from suite.linalg import Array
 
 LEVEL = 0.95
 
-Statistic = Callable[[Array], Array]
-"""From weights of runs W[B, R], each row summing to R, to the statistics [S, B] of the runs so weighted."""
 
+@dataclass(frozen=True)
+class Resampled:
+    """A statistic of independent runs: its value [S], and left_out[S, R], the same without each run in turn (Tukey, 1958).
 
-def weighted_mean(contributions: Array, weights: Array) -> Array:
-    """Mean over runs of contributions[T, R] under each row of weights[B, R]: [T, B].
-
-    NaN contributions are left out; infinite ones make the mean infinite wherever their weight is not zero.
+    Of a single run nothing can be left out: left_out[S, 0].
     """
-    if np.isfinite(contributions).all():
-        return np.asarray(contributions @ weights.T / weights.sum(1))
-    known = (~np.isnan(contributions)).astype(float) @ weights.T
-    endless = np.isposinf(contributions).astype(float) @ weights.T > 0
-    mean = np.nan_to_num(contributions, nan=0.0, posinf=0.0, neginf=-np.inf) @ weights.T / known
-    return np.where(endless, np.inf, mean)
+
+    value: Array
+    left_out: Array
+
+    def map(self, function: Callable[[Array], Array]) -> "Resampled":
+        """A function of the statistic, which may join its components S but not its runs."""
+        with np.errstate(all="ignore"):
+            return Resampled(function(self.value[:, None])[:, 0], function(self.left_out))
+
+    def __sub__(self, other: "Resampled") -> "Resampled":
+        with np.errstate(invalid="ignore"):
+            return Resampled(self.value - other.value, self.left_out - other.left_out)
+
+    def centre_and_error(self) -> tuple[Array, Array]:
+        """Where infinitely many runs would put the statistic [S], and its standard error [S]; NaN of a single run."""
+        runs = self.left_out.shape[1]
+        if runs < 2:
+            return np.full_like(self.value, np.nan), np.full_like(self.value, np.nan)
+        with np.errstate(all="ignore"):
+            middle = self.left_out.mean(1)
+            error = np.sqrt((runs - 1) / runs * ((self.left_out - middle[:, None]) ** 2).sum(1))
+            return runs * self.value - (runs - 1) * middle, error
+
+
+def means(contributions: Array) -> Resampled:
+    """Means over runs of contributions[T, R]: [T]. NaN contributions are left out.
+
+    Sums without a run are those of the runs before and after it: subtracting it from the whole would lose all digits where
+    it is far larger than the others, and cannot be done where it is infinite.
+    """
+    known = ~np.isnan(contributions)
+    filled = contributions if known.all() else np.where(known, contributions, 0.0)
+    count = known.sum(1, keepdims=True)
+    with np.errstate(all="ignore"):
+        before, after = np.cumsum(filled, axis=1), np.cumsum(filled[:, ::-1], axis=1)[:, ::-1]
+        value = before[:, -1] / count[:, 0]
+        if filled.shape[1] < 2:
+            return Resampled(value, np.empty((len(value), 0)))
+        rest = np.zeros_like(filled)
+        rest[:, 1:] += before[:, :-1]
+        rest[:, :-1] += after[:, 1:]
+        return Resampled(value, rest / (count - known))
+
+
+def averaged(contributions: Array, link: Callable[[Array], Array] = np.positive) -> Resampled:
+    """The mean over time of link(mean over runs) of contributions[T, R]: [1]. What is NaN is left out."""
+    complete = not np.isnan(contributions).any()
+    if complete and link is np.positive:  # averages over time and over runs commute: average over time once
+        return means(contributions.mean(0, keepdims=True))
+    return means(contributions).map(lambda steps: _mean_of_known(link(steps)))
 
 
 def mean_over_time(contributions: Array) -> Array:
     """Mean over time of each run's contributions[T, R], those that are NaN left out: [1, R]."""
-    return weighted_mean(contributions.T, np.ones((1, len(contributions)))).T
+    return _mean_of_known(contributions)
 
 
-def jackknife(statistic: Statistic, runs: int, level: float = LEVEL) -> tuple[Array, Array, Array]:
-    """Value [S] of a smooth statistic of independent runs, and its jackknife interval [S], [S] (Tukey, 1958).
+def _mean_of_known(values: Array) -> Array:
+    """Mean over the first axis of values[T, R], those that are NaN left out: [1, R]."""
+    unknown = np.isnan(values)
+    if not unknown.any():
+        return np.asarray(values.mean(0, keepdims=True))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(unknown, 0.0, values).sum(0, keepdims=True) / (~unknown).sum(0, keepdims=True))
 
-    The interval is centred where infinitely many runs would put the statistic: the mean over time of a root over few runs
+
+def jackknife(sample: Resampled, level: float = LEVEL) -> tuple[Array, Array]:
+    """The jackknife interval [S], [S] of a smooth statistic.
+
+    It is centred where infinitely many runs would put the statistic: the mean over time of a root over few runs
     is too small, by more than its scatter when there are many steps. It has Student's t for its reach, and is widened to
     hold the value itself. For a plain mean it is the t interval. With a single run there is no interval: NaN.
     """
-    value, left_out = _leave_one_out(statistic, runs)
-    return value, *_interval(value, left_out, level)
+    centre, error = sample.centre_and_error()
+    with np.errstate(all="ignore"):
+        reach = stdtrit(sample.left_out.shape[1] - 1, 0.5 + level / 2) * error
+        return np.minimum(centre - reach, sample.value), np.maximum(centre + reach, sample.value)
 
 
-def positive_jackknife(statistic: Statistic, runs: int, level: float = LEVEL) -> tuple[Array, Array, Array]:
+def positive_jackknife(sample: Resampled, level: float = LEVEL) -> tuple[Array, Array]:
     """The jackknife on the scale of logarithms, for a statistic that is never negative: nor is its interval.
 
     A statistic that is zero, or would be without some run, keeps the plain scale, cut at zero. An infinite one has an
     interval from the smallest value that it would have without some run.
     """
-    value, left_out = _leave_one_out(statistic, runs)
-    with np.errstate(all="ignore"):
-        low, high = (np.exp(end) for end in _interval(np.log(value), np.log(left_out), level))
-        plain_low, plain_high = _interval(value, left_out, level)
+    value, left_out = sample.value, sample.left_out
+    low, high = (np.exp(end) for end in jackknife(sample.map(np.log), level))
+    plain_low, plain_high = jackknife(sample, level)
     zero = (left_out == 0).any(1) | (value == 0)
     low, high = np.where(zero, np.maximum(plain_low, 0.0), low), np.where(zero, plain_high, high)
-    endless = np.isposinf(value) & (runs > 1)
+    endless = np.isposinf(value) & (left_out.shape[1] > 0)
     low = np.where(endless, left_out.min(1, initial=np.inf), np.minimum(low, value))
-    return value, low, np.where(endless, np.inf, np.maximum(high, value))
+    return low, np.where(endless, np.inf, np.maximum(high, value))
 
 
-def _leave_one_out(statistic: Statistic, runs: int) -> tuple[Array, Array]:
-    """The statistic of all runs [S], and of all but each one in turn [S, R] (none when there is a single run)."""
+def below_zero(sample: Resampled) -> Array:
+    """One-sided p-values [S] of a statistic that is in truth zero or more, by Student's t: small where it is below zero."""
+    centre, error = sample.centre_and_error()
     with np.errstate(all="ignore"):
-        value = statistic(np.ones((1, runs)))[:, 0]
-        return value, statistic(1.0 - np.eye(runs)) if runs > 1 else np.empty((len(value), 0))
-
-
-def _interval(value: Array, left_out: Array, level: float) -> tuple[Array, Array]:
-    runs = left_out.shape[1]
-    if runs < 2:
-        return np.full_like(value, np.nan), np.full_like(value, np.nan)
-    with np.errstate(all="ignore"):
-        middle = left_out.mean(1)
-        centre = runs * value - (runs - 1) * middle
-        error = np.sqrt((runs - 1) / runs * ((left_out - middle[:, None]) ** 2).sum(1))
-        reach = stdtrit(runs - 1, 0.5 + level / 2) * error
-        return np.minimum(centre - reach, value), np.maximum(centre + reach, value)
+        t = np.where(error > 0, centre / error, np.sign(centre) * np.inf)
+        return np.where(centre == 0, 0.5, stdtr(sample.left_out.shape[1] - 1, t))
 
 
 def proportion(count: int, total: int, level: float = LEVEL) -> tuple[float, float]:

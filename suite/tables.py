@@ -11,7 +11,7 @@ from rich.text import Text
 
 from suite import parameters, score
 from suite.case import Case
-from suite.metrics import METRICS
+from suite.metrics import METRICS, SURVIVING
 from suite.verdicts import Verdict
 
 
@@ -59,11 +59,13 @@ def print_scores(frame: Any) -> None:
     for case, group in frame.groupby("case", sort=False):
         rows = []
         valued = {(r.metric, r.block) for r in group.itertuples() if r.value == r.value}
+        scored = {(r.estimator, r.metric, r.block): r.runs for r in group.itertuples() if isinstance(r.block, str)}
+        survived = score.all_survived(scored)
         for r in group.itertuples():
             if r.status in ("refused", "not run") or not isinstance(r.metric, str):
                 rows.append((r.estimator, r.status, r.reason, "", "", ""))
                 continue
-            if valued and (r.metric, r.block) not in valued:
+            if (valued and (r.metric, r.block) not in valued) or (survived and r.block.endswith(SURVIVING)):
                 continue
             mark = {score.BEST: "best", score.TIED: "tied for best"}.get(r.standing, "")
             value = f"{r.value:.4g} {r.unit}" if r.value == r.value else "none"

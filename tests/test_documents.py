@@ -78,7 +78,7 @@ def test_the_recording_of_the_readme_is_what_it_says(tmp_path):
     found = Extended().run(case.model, truth.y, 0)
     # The GPS is good to 3 m on each axis; in half a minute without any the launch may be a few times that off.
     assert np.sqrt(((found.mean - truth.x)[:, :2] ** 2).sum(1)).max() < 15
-    names = "rmse", "nis", "whiteness", "likelihood"
+    names = "rmse", "nis", "whiteness", "loglik"
     unknown = load(written(tmp_path, ('truth = "harbour_truth.csv"', "")))
     scores = [METRICS[name](unknown, unknown.simulate(1), found) for name in names]
     assert [[score.runs for score in by_block.values()] for by_block in scores] == [[0, 0], [1], [1], [1]]

@@ -1,11 +1,13 @@
 """The metrics of filterbench, in report order; one file a family."""
 
-from suite.metrics import consistency, cost, error, modes, robustness
-from suite.metrics.metric import Metric, Score
+from suite.metrics import bound, consistency, cost, error, modes, robustness
+from suite.metrics.evidence import Evidence
+from suite.metrics.metric import FAMILIES, SURVIVING, Metric, Score, counted
 from suite.registry import Registry
 
 METRICS: Registry[Metric] = Registry(
-    "metric", (*error.METRICS, *consistency.METRICS, *modes.METRICS, *robustness.METRICS, *cost.METRICS)
+    "metric",
+    (*error.METRICS, *bound.METRICS, *consistency.METRICS, *modes.METRICS, *robustness.METRICS, *cost.METRICS),
 )
 
-__all__ = ["METRICS", "Metric", "Score"]
+__all__ = ["FAMILIES", "METRICS", "SURVIVING", "Evidence", "Metric", "Score", "counted"]

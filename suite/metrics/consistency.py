@@ -2,60 +2,33 @@
 
 import numpy as np
 
-from suite.case import Card, Truth
-from suite.estimator import Estimate
 from suite.linalg import Array
+from suite.metrics.evidence import Evidence
 from suite.metrics.metric import Contributions, Metric
 from suite.statistics import mean_over_time
 
 LAGS = 10
 """Most lags of the correlation of innovations; fewer where a component has less than five measurements a lag."""
-LEAST = -700.0
-"""Logarithm below which a density is no number in floating point."""
 
 
-def nees(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def nees(e: Evidence) -> Contributions:
     """Normalised estimation error squared over the state dimension [T, R]; infinite where the covariance is singular."""
-    error = np.moveaxis(estimate.mean - truth.x, 1, -1)
-    cov = np.moveaxis(estimate.cov, (1, 2), (-2, -1))
-    return {"state": mahalanobis(error, cov) / error.shape[-1]}
+    return {"state": e.distance / e.dimension}
 
 
-def mahalanobis(error: Array, cov: Array) -> Array:
-    """eᵀ P⁻¹ e for errors [..., n] and covariances [..., n, n].
-
-    Components are brought to unit variance first: they differ in unit and size. NaN stays NaN; a covariance that is
-    not positive definite in floating point gives infinity.
-    """
-    with np.errstate(all="ignore"):
-        scale = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
-        unit = error / scale
-        correlation = cov / (scale[..., :, None] * scale[..., None, :])
-    known = np.isfinite(error).all(-1) & np.isfinite(cov).all((-2, -1))
-    sound = known & np.isfinite(correlation).all((-2, -1)) & np.isfinite(unit).all(-1)
-    out = np.where(known, np.inf, np.nan)
-    safe = np.where(sound[..., None, None], correlation, np.eye(error.shape[-1]))
-    values, directions = np.linalg.eigh(safe)
-    rounding = error.shape[-1] * np.finfo(float).eps * values[..., -1]
-    positive = sound & (values[..., 0] > rounding)
-    along = np.einsum("...ij,...i->...j", directions, np.where(sound[..., None], unit, 0.0))
-    distance = (along**2 / np.where(values > 0, values, 1.0)).sum(-1)
-    return np.where(positive, distance, out)
-
-
-def nis(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def nis(e: Evidence) -> Contributions:
     """Normalised innovation squared over the number of measured components [T, R]; nothing where no innovation is stored."""
-    if estimate.innovation is None:
+    if e.estimate.innovation is None:
         return {}
-    seen = (~np.isnan(estimate.innovation)).sum(1)
-    return {"innovation": np.nansum(estimate.innovation**2, axis=1) / np.where(seen, seen, np.nan)}
+    seen = (~np.isnan(e.estimate.innovation)).sum(1)
+    return {"innovation": np.nansum(e.estimate.innovation**2, axis=1) / np.where(seen, seen, np.nan)}
 
 
-def ljung_box(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def ljung_box(e: Evidence) -> Contributions:
     """Ljung and Box's statistic of a run's whitened innovations over its number of lags [1, R]; NaN from too few of them."""
-    if estimate.innovation is None:
+    if e.estimate.innovation is None:
         return {}
-    return {"innovation": np.array([[portmanteau(run) for run in np.moveaxis(estimate.innovation, -1, 0)]])}
+    return {"innovation": np.array([[portmanteau(run) for run in np.moveaxis(e.estimate.innovation, -1, 0)]])}
 
 
 def portmanteau(series: Array) -> float:
@@ -74,33 +47,31 @@ def portmanteau(series: Array) -> float:
     return total / lags if lags else np.nan
 
 
-def log_density(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def log_density(e: Evidence) -> Contributions:
     """Mean log-likelihood of a run over the steps at which something was measured [1, R]."""
-    if estimate.loglik is None:
+    if e.estimate.loglik is None:
         return {}
-    return {"measurement": mean_over_time(np.where(np.isnan(truth.y).all(1), np.nan, estimate.loglik))}
-
-
-def exponential(values: Array) -> Array:
-    """The exponential, kept within floating point: an estimator that is far off has a very small value, and not none."""
-    return np.exp(np.clip(values, LEAST, -LEAST))
+    return {"measurement": mean_over_time(np.where(np.isnan(e.truth.y).all(1), np.nan, e.estimate.loglik))}
 
 
 NEES = Metric(
     name="nees",
+    family="consistency",
     title="Normalised estimation error squared",
     unit="",
     better=1.0,
     formula=r"\mathrm{NEES} = \frac{1}{R\,T\,n_x} \sum_{r,k} \left( \hat x_k - x_k \right)^{\top} P_k^{-1} "
     r"\left( \hat x_k - x_k \right)",
     words="Mean of the squared error measured by the filter's own covariance, divided by the dimension of the state: 1 for "
-    "a filter that knows its errors, above 1 for one that is too sure of itself, below 1 for one that is too cautious.",
+    "a filter that knows its errors, above 1 for one that is too sure of itself, below 1 for one that is too cautious. "
+    "Components that the case leaves no doubt about, and the filter has none, do not count.",
     reference="Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, "
     "section 5.4",
     fn=nees,
 )
 NIS = Metric(
     name="nis",
+    family="consistency",
     title="Normalised innovation squared",
     unit="",
     better=1.0,
@@ -115,6 +86,7 @@ NIS = Metric(
 )
 WHITENESS = Metric(
     name="whiteness",
+    family="consistency",
     title="Correlation of innovations in time",
     unit="",
     better=1.0,
@@ -128,18 +100,19 @@ WHITENESS = Metric(
     reference="G. M. Ljung, G. E. P. Box, On a measure of lack of fit in time series models, Biometrika 65(2), 1978, 297-303",
     fn=ljung_box,
 )
-LIKELIHOOD = Metric(
-    name="likelihood",
-    title="Likelihood of a measurement",
-    unit="mixed",
+LOGLIK = Metric(
+    name="loglik",
+    family="consistency",
+    title="Log-likelihood of a measurement",
+    unit="nat",
     better="higher",
-    formula=r"\exp \left( \frac{1}{R\,T} \sum_{r,k} \log p \left( y_k \mid y_1, \ldots, y_{k-1} \right) \right)",
-    words="Geometric mean of the density that a filter gave to what was measured next: its logarithm is the log-likelihood per "
-    "step. It needs no truth. It compares filters on the same data alone, since its unit is one over that of the measurements. "
-    "Steps without a measurement are left out.",
+    formula=r"\frac{1}{R\,T} \sum_{r,k} \log p \left( y_k \mid y_1, \ldots, y_{k-1} \right)",
+    words="Logarithm of the density that a filter gave to what was measured next, mean over steps and runs. It needs no truth. "
+    "It compares filters on the same data alone, since it depends on the units of the measurements. Steps without a "
+    "measurement are left out.",
     reference="A. P. Dawid, Statistical theory: the prequential approach, Journal of the Royal Statistical Society A 147(2), "
     "1984, 278-292",
     fn=log_density,
-    link=exponential,
+    signed=True,
 )
-METRICS = (NEES, NIS, WHITENESS, LIKELIHOOD)
+METRICS = (NEES, NIS, WHITENESS, LOGLIK)

@@ -2,21 +2,21 @@
 
 import numpy as np
 
-from suite.case import Card, Truth
 from suite.estimator import Estimate
 from suite.linalg import Array
+from suite.metrics.evidence import Evidence
 from suite.metrics.metric import Contributions, Metric
 
 
-def latency(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def latency(e: Evidence) -> Contributions:
     """Median microseconds of a step in each call that carried a single run [1, calls]."""
-    seconds = _calls(estimate, np.asarray(estimate.batch) == 1)
+    seconds = _calls(e.estimate, np.asarray(e.estimate.batch) == 1)
     return {"step": 1e6 * np.median(seconds, axis=0, keepdims=True)}
 
 
-def seconds_per_run_step(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def seconds_per_run_step(e: Evidence) -> Contributions:
     """Mean seconds per run-step in each call that carried several runs [1, calls]."""
-    seconds = _calls(estimate, np.asarray(estimate.batch) > 1)
+    seconds = _calls(e.estimate, np.asarray(e.estimate.batch) > 1)
     return {"step": seconds.mean(axis=0, keepdims=True)}
 
 
@@ -27,6 +27,7 @@ def _calls(estimate: Estimate, wanted: "np.ndarray[tuple[int], np.dtype[np.bool_
 
 LATENCY = Metric(
     name="latency",
+    family="cost",
     title="Latency of a step",
     unit="µs",
     better="lower",
@@ -39,6 +40,7 @@ LATENCY = Metric(
 )
 THROUGHPUT = Metric(
     name="throughput",
+    family="cost",
     title="Throughput",
     unit="run-steps/s",
     better="higher",

@@ -2,45 +2,46 @@
 
 import numpy as np
 
-from suite.case import Card, Truth
-from suite.estimator import Estimate
 from suite.linalg import Array
+from suite.metrics.evidence import Evidence
 from suite.metrics.metric import Contributions, Metric
 from suite.statistics import mean_over_time
 
 
-def squared_error(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def squared_error(e: Evidence) -> Contributions:
     """Squared Euclidean error of each state block [T, R]."""
-    error = estimate.mean - truth.x
-    return {block.name: (error[:, list(block.components)] ** 2).sum(1) for block in case.blocks}
+    return dict(e.squared_error)
 
 
-def norm_of_error(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def norm_of_error(e: Evidence) -> Contributions:
     """Norm of the error of the whole state over the square root of its dimension [T, R]."""
-    error = estimate.mean - truth.x
-    return {"state": np.sqrt((error**2).mean(1))}
+    return {"state": np.sqrt((e.error**2).mean(1))}
 
 
-def of_components(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def of_components(e: Evidence) -> Contributions:
     """Squared error of each state block, the mean over its components [T, R]."""
-    squared, sizes = squared_error(case, truth, estimate), {block.name: len(block.components) for block in case.blocks}
-    return {block: values / sizes[block] for block, values in squared.items()}
+    return {block.name: e.squared_error[block.name] / len(block.components) for block in e.case.blocks}
 
 
-def over_time(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def absolute(e: Evidence) -> Contributions:
+    """Absolute error of each component of the state [T, R]."""
+    named = {i for block in e.case.blocks for i in block.components}
+    return {name: np.abs(e.error[:, i]) for i, name in enumerate(e.case.state) if i in named}
+
+
+def over_time(e: Evidence) -> Contributions:
     """Mean over time of each run's squared Euclidean error, by state block [1, R]."""
-    squared = squared_error(case, truth, estimate)
-    return {block: mean_over_time(values) for block, values in squared.items()}
+    return {block: mean_over_time(values) for block, values in e.squared_error.items()}
 
 
-def of_runs(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def of_runs(e: Evidence) -> Contributions:
     """Root mean square error over time of each run, by state block [1, R]."""
-    return {block: np.sqrt(values) for block, values in over_time(case, truth, estimate).items()}
+    return {block: np.sqrt(values) for block, values in over_time(e).items()}
 
 
-def moments_of_runs(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def moments_of_runs(e: Evidence) -> Contributions:
     """Root mean square error over time of each run, and its square, by state block [2, R]."""
-    return {block: np.concat([values, values**2]) for block, values in of_runs(case, truth, estimate).items()}
+    return {block: np.concat([values, values**2]) for block, values in of_runs(e).items()}
 
 
 def standard_deviation(moments: Array) -> Array:
@@ -48,26 +49,25 @@ def standard_deviation(moments: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(moments[1:] - moments[:1] ** 2, 0.0)))
 
 
-def euclidean(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def euclidean(e: Evidence) -> Contributions:
     """Euclidean error of each state block [T, R]; with regions also of the steps inside and outside each, else NaN."""
-    found = {block: np.sqrt(values) for block, values in squared_error(case, truth, estimate).items()}
-    for region in case.regions:
-        assert case.plane is not None
-        inside = region.holds(*(truth.x[:, axis] for axis in case.plane))
+    found = {block: np.sqrt(values) for block, values in e.squared_error.items()}
+    for region in e.case.regions:
+        assert e.case.plane is not None
+        inside = region.holds(*(e.truth.x[:, axis] for axis in e.case.plane))
         for where, chosen in ((f"inside {region.name}", inside), (f"outside {region.name}", ~inside)):
-            found |= {f"{b.name}, {where}": np.where(chosen, found[b.name], np.nan) for b in case.blocks}
+            found |= {f"{b.name}, {where}": np.where(chosen, found[b.name], np.nan) for b in e.case.blocks}
     return found
 
 
-def largest(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def largest(e: Evidence) -> Contributions:
     """Largest Euclidean error over time of each run, by state block and region [1, R]."""
-    return {
-        block: np.fmax.reduce(values, axis=0)[None] for block, values in euclidean(case, truth, estimate).items() if len(values)
-    }
+    return {block: np.fmax.reduce(values, axis=0)[None] for block, values in euclidean(e).items() if len(values)}
 
 
 RMSE = Metric(
     name="rmse",
+    family="error",
     title="Root mean square error",
     unit="block",
     better="lower",
@@ -80,6 +80,7 @@ RMSE = Metric(
 )
 ETA = Metric(
     name="eta",
+    family="error",
     title="Mean normalised error η",
     unit="mixed",
     better="lower",
@@ -92,6 +93,7 @@ ETA = Metric(
 )
 MEAN_ERROR = Metric(
     name="mean-error",
+    family="error",
     title="Mean error",
     unit="block",
     better="lower",
@@ -101,8 +103,20 @@ MEAN_ERROR = Metric(
     reference="M. Benko, P. Kulmon, Aplikácia časticových filtrov na merania multistatického radaru (in Slovak), table 1",
     fn=euclidean,
 )
+ABSOLUTE_ERROR = Metric(
+    name="absolute-error",
+    family="error",
+    title="Absolute error of a component",
+    unit="block",
+    better="lower",
+    formula=r"\varepsilon_a = \frac{1}{R\,T} \sum_{r=1}^{R} \sum_{k=1}^{T} \left| \hat x_{a,k}^{(r)} - x_{a,k}^{(r)} \right|",
+    words="Mean over runs and time of the absolute error of one component of the state.",
+    reference="Velozo and Souza, comparison of particle filter and UKF for a land vehicle (in Portuguese), eq. (30)",
+    fn=absolute,
+)
 MAXIMUM_ERROR = Metric(
     name="maximum-error",
+    family="error",
     title="Maximum error",
     unit="block",
     better="lower",
@@ -113,6 +127,7 @@ MAXIMUM_ERROR = Metric(
 )
 MSE = Metric(
     name="mse",
+    family="error",
     title="Mean square error",
     unit="block, squared",
     better="lower",
@@ -123,6 +138,7 @@ MSE = Metric(
 )
 POOLED_RMSE = Metric(
     name="pooled-rmse",
+    family="error",
     title="RMSE, runs and time pooled",
     unit="block",
     better="lower",
@@ -136,6 +152,7 @@ POOLED_RMSE = Metric(
 )
 RUN_RMSE = Metric(
     name="run-rmse",
+    family="error",
     title="RMSE of a run",
     unit="block",
     better="lower",
@@ -147,6 +164,7 @@ RUN_RMSE = Metric(
 )
 RUN_RMSE_SD = Metric(
     name="run-rmse-sd",
+    family="error",
     title="Spread of the RMSE of runs",
     unit="block",
     better="lower",
@@ -156,4 +174,4 @@ RUN_RMSE_SD = Metric(
     fn=moments_of_runs,
     link=standard_deviation,
 )
-METRICS = (RMSE, ETA, MEAN_ERROR, MAXIMUM_ERROR, MSE, POOLED_RMSE, RUN_RMSE, RUN_RMSE_SD)
+METRICS = (RMSE, ETA, MEAN_ERROR, ABSOLUTE_ERROR, MAXIMUM_ERROR, MSE, POOLED_RMSE, RUN_RMSE, RUN_RMSE_SD)

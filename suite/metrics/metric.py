@@ -1,17 +1,32 @@
-"""What a metric is: contributions of each run, averaged over runs, then over time; and scores with intervals."""
+"""What a metric is: contributions of each run, joined over runs and time; and scores with intervals."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from suite.case import Card, Truth
 from suite.estimator import LOST, OK, Estimate
 from suite.linalg import Array
-from suite.statistics import Statistic, positive_jackknife, proportion, weighted_mean
+from suite.metrics.evidence import Evidence
+from suite.statistics import Resampled, averaged, jackknife, means, positive_jackknife, proportion
 
 Contributions = dict[str, Array]
 """Contributions [T, R] of each run at each step (or [1, R]), by state block or by a name such as 'state'."""
+FAMILIES = {
+    "error": "Errors",
+    "bound": "Against the bound",
+    "consistency": "Consistency",
+    "modes": "Modes of motion",
+    "detection": "Detection of manoeuvres",
+    "robustness": "Robustness",
+    "particles": "Particles",
+    "cost": "Cost",
+}
+"""Families of metrics, in report order, with their headings; each is a module of that name."""
+SURVIVING = "surviving runs"
+"""Behind the name of a block: over the runs that did not diverge."""
 
 
 @dataclass(frozen=True)
@@ -32,70 +47,96 @@ class Score:
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure of merit: the mean over time of link(mean over runs of a run's contributions).
+    """A figure of merit: the mean over time of link(mean over runs of a run's contributions), or another `statistic` of them.
 
-    unit: the unit, or 'block' for the unit of the state block, or 'block, squared'. better: 'lower', 'higher', or the value to
-    be hit. formula: LaTeX. timed: whether it looks at running times, measured apart, rather than at errors.
-    Values are never negative. fn(case, truth, estimate) gives the contributions of all runs; runs that failed are left out
-    afterwards.
+    family: one of `FAMILIES`. unit: the unit, or 'block' for the unit of the state block, or 'block, squared'. better: 'lower',
+    'higher', or the value to be hit. formula: LaTeX. fn(evidence) gives the contributions of all runs; runs that failed are
+    left out afterwards. statistic: from contributions [..., R] to the value of all runs and without each in turn. exact: from
+    contributions to the value and its interval, where another than the jackknife's is known. signed: whether values may be
+    negative. binomial: whether it is a share of runs, to which lost ones count. timed: whether it looks at running times,
+    measured apart, rather than at estimates. ranked: whether one estimator can be better than another by it.
     """
 
     name: str
+    family: str
     title: str
     unit: str
     better: str | float
     formula: str
     words: str
     reference: str
-    fn: Callable[[Card, Truth, Estimate], Contributions]
+    fn: Callable[[Evidence], Contributions]
     link: Callable[[Array], Array] = np.positive
+    statistic: Callable[[Array], Resampled] | None = None
+    exact: Callable[[Array], tuple[float, float, float]] | None = None
+    signed: bool = False
     binomial: bool = False
     timed: bool = False
+    ranked: bool = True
 
-    def __call__(self, case: Card, truth: Truth, estimate: Estimate) -> dict[str, Score]:
-        """Scores by state block (or 'state', 'runs', 'step'), with 95 % intervals over runs."""
+    def __call__(self, case: Card, truth: Truth, estimate: Estimate, **more: Any) -> dict[str, Score]:
+        """Scores by state block (or 'state', 'runs', 'step'), with 95 % intervals over runs; more: the rest of `Evidence`."""
         total = estimate.mean.shape[-1]
         return {
             block: self.score(contributions, self.unit_of(case, block), total)
-            for block, contributions in self.contributions(case, truth, estimate).items()
+            for block, contributions in self.contributions(Evidence(case, truth, estimate, **more)).items()
         }
 
-    def contributions(self, case: Card, truth: Truth, estimate: Estimate) -> Contributions:
-        """Contributions [T, R'] of the runs that count: those that came through, and for a rate also those lost."""
-        accepted = (OK, LOST) if self.binomial else (OK,)
-        used = np.array([status in accepted for status in estimate.status], bool)
+    def contributions(self, evidence: Evidence) -> Contributions:
+        """Contributions [..., R] of all runs: NaN where a run does not count, since it did not come through.
+
+        For a rate lost runs count. Errors come once more over the runs that did not diverge.
+        """
         with np.errstate(all="ignore"):  # errors of any size, and NaN in runs that are left out next
-            found = self.fn(case, truth, estimate)
-        return found if self.timed else {block: values[:, used] for block, values in found.items()}
+            found = self.fn(evidence)
+            if self.timed:
+                return found
+            accepted = (OK, LOST) if self.binomial else (OK,)
+            used = np.array([status in accepted for status in evidence.estimate.status], bool)
+            if not used.all():
+                found = {block: np.where(used, values, np.nan) for block, values in found.items()}
+            if self.family == "error":
+                survived = np.isinf(evidence.away)
+                found |= {f"{block}, {SURVIVING}": np.where(survived, values, np.nan) for block, values in found.items()}
+        return found
 
     def unit_of(self, case: Card, block: str) -> str:
-        """The unit of the score of a block."""
+        """The unit of the score of a block, or of a component of the state."""
         if not self.unit.startswith("block"):
             return self.unit
-        unit = case.block(block.partition(", ")[0]).unit
+        name = block.partition(", ")[0]
+        if name in case.state:
+            unit = next((b.unit for b in case.blocks if case.state.index(name) in b.components), "")
+        else:
+            unit = case.block(name).unit
         return f"({unit})²" if unit and self.unit != "block" else unit
 
     def score(self, contributions: Array, unit: str, total: int) -> Score:
-        """Value and interval from the contributions [T, R] of the runs that count, out of `total`."""
-        contributions = contributions[:, ~np.isnan(contributions).all(0)]
-        runs = contributions.shape[1]
+        """Value and interval from the contributions [..., R] of the runs, out of `total`."""
+        contributions = contributions[..., counted(contributions)]
+        runs = contributions.shape[-1]
         total = runs if self.timed else total
         if runs == 0:
             return Score(np.nan, np.nan, np.nan, unit, 0, total)
         if self.binomial:
             count = int(contributions.sum())
             return Score(count / runs, *proportion(count, runs), unit, runs, total)
-        value, low, high = positive_jackknife(self.average(contributions), runs)
-        return Score(float(value[0]), float(low[0]), float(high[0]), unit, runs, total)
+        if self.exact:
+            return Score(*self.exact(contributions), unit, runs, total)
+        sample = self.resampled(contributions)
+        low, high = jackknife(sample) if self.signed else positive_jackknife(sample)
+        return Score(float(sample.value[0]), float(low[0]), float(high[0]), unit, runs, total)
 
-    def average(self, contributions: Array) -> Statistic:
-        """The metric as a statistic of weighted runs; steps at which no run contributes are left out."""
-        complete = not np.isnan(contributions).any()
-        if complete and self.link is np.positive:  # averages over time and over runs commute: average over time once
-            contributions = contributions.mean(0, keepdims=True)
-        over_steps = np.mean if complete else np.nanmean
-        return lambda weights: over_steps(self.link(weighted_mean(contributions, weights)), axis=0)[None]
+    def resampled(self, contributions: Array) -> Resampled:
+        """The metric [1] from the contributions [..., R] of runs that count, and without each run in turn."""
+        return self.statistic(contributions) if self.statistic else averaged(contributions, self.link)
 
     def over_time(self, contributions: Array) -> tuple[Array, Array, Array]:
         """The metric at each step, with its interval: [T], [T], [T]."""
-        return positive_jackknife(lambda weights: self.link(weighted_mean(contributions, weights)), contributions.shape[1])
+        sample = means(contributions).map(self.link)
+        return sample.value, *(jackknife(sample) if self.signed else positive_jackknife(sample))
+
+
+def counted(contributions: Array) -> Any:
+    """Which runs count [R]: those that contribute anything to contributions[..., R]."""
+    return ~np.isnan(contributions).all(axis=tuple(range(contributions.ndim - 1)))

@@ -2,21 +2,21 @@
 
 import numpy as np
 
-from suite.case import Card, Truth
-from suite.estimator import Estimate
+from suite.metrics.evidence import Evidence
 from suite.metrics.metric import Contributions, Metric
 
 
-def brier(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
+def brier(e: Evidence) -> Contributions:
     """Squared distance [T, R] of the mode probabilities from the mode in force; nothing where either is not known."""
-    if truth.mode is None or estimate.mode is None:
+    if e.truth.mode is None or e.estimate.mode is None:
         return {}
-    in_force = np.arange(len(case.modes))[:, None] == truth.mode[:, None]
-    return {"modes": ((estimate.mode - in_force) ** 2).sum(1)}
+    in_force = np.arange(len(e.case.modes))[:, None] == e.truth.mode[:, None]
+    return {"modes": ((e.estimate.mode - in_force) ** 2).sum(1)}
 
 
 BRIER = Metric(
     name="brier",
+    family="modes",
     title="Brier score of the modes",
     unit="",
     better="lower",

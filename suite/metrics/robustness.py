@@ -2,38 +2,18 @@
 
 import numpy as np
 
-from suite.case import Card, Truth
-from suite.estimator import LOST, Estimate
-from suite.linalg import Array
+from suite.metrics.evidence import Evidence
 from suite.metrics.metric import Contributions, Metric
 
 
-def diverged(case: Card, truth: Truth, estimate: Estimate) -> Contributions:
-    """1 for each run that diverged by the case's definition or was lost, else 0 [1, R].
-
-    Steps whose truth is not known are left out: what is before and after them is on end. A run of which no step is known is
-    NaN, lost or not: of such runs the lost alone could be counted, and their rate would be 100 %.
-    """
-    rule = case.divergence
-    components = list(case.block(rule.block).components)
-    known = np.isfinite(truth.x[:, components].sum(1))
-    error = np.sqrt(((estimate.mean - truth.x)[:, components] ** 2).sum(1))
-    away = longest_streak(error > rule.limit, known) >= rule.steps
-    lost = np.array([status == LOST for status in estimate.status], bool)
-    return {"runs": np.where(known.any(0), away | lost, np.nan)[None]}
-
-
-def longest_streak(flags: Array, counted: Array) -> Array:
-    """Length of the longest run of true values along the first axis of flags[T, R], of those that are counted[T, R]: [R]."""
-    longest = current = np.zeros(flags.shape[1])
-    for row, counts in zip(flags, counted, strict=True):
-        current = np.where(counts, np.where(row, current + 1, 0), current)
-        longest = np.maximum(longest, current)
-    return longest
+def diverged(e: Evidence) -> Contributions:
+    """1 for each run that diverged by the case's definition or was lost, else 0 [1, R]; NaN where the truth is not known."""
+    return {"runs": np.where(np.isnan(e.away), np.nan, np.isfinite(e.away))[None]}
 
 
 DIVERGENCE = Metric(
     name="divergence",
+    family="robustness",
     title="Divergence rate",
     unit="",
     better="lower",

@@ -58,7 +58,7 @@ def matrix(folder):
     return json.loads(re.search(r'<script type="application/json" id="matrix-data">(.*?)</script>', text, re.S)[1])
 
 
-UNTRUTHFUL = [METRICS[name].title for name in ("nis", "whiteness", "likelihood")]
+UNTRUTHFUL = [METRICS[name].title for name in ("nis", "whiteness", "loglik")]
 COSTS = [METRICS[name].title for name in ("latency", "throughput")]
 
 
@@ -146,7 +146,7 @@ def test_rates_of_a_recording_have_no_interval(seen, tools):
 def test_the_table_of_scores_leaves_out_what_nobody_has(blind, capsys):
     assert suite.cli.main(["score", "--results", str(blind / "r")]) == 0
     out = capsys.readouterr().out
-    assert set(re.findall(r"│ ([a-z-]+):", out)) == {"nis", "whiteness", "likelihood", "latency", "throughput"}
+    assert set(re.findall(r"│ ([a-z-]+):", out)) == {"nis", "whiteness", "loglik", "latency", "throughput"}
     assert suite.cli.main(["score", "--results", str(blind / "r"), "-m", "rmse"]) == 0
     assert capsys.readouterr().out.count("none") == 4
 

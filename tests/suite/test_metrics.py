@@ -9,10 +9,10 @@ from scipy import stats
 from cases import CASES
 from estimators.kalman import Kalman
 from suite.case import Card, Divergence, StateBlock, Truth
+from suite.divergence import streak
 from suite.estimator import FAILED, LOST, Estimate
-from suite.metrics import METRICS
-from suite.metrics.consistency import mahalanobis
-from suite.metrics.robustness import longest_streak
+from suite.metrics import METRICS, Evidence
+from suite.metrics.evidence import mahalanobis
 
 CARD = Card(
     name="toy", title="", summary="", steps=3, interval=1.0, state=("x", "y", "v"),
@@ -40,7 +40,7 @@ def test_rmse_by_hand():
     scores = METRICS["rmse"](CARD, *pair())
     position = np.mean([np.sqrt((25 + 0) / 2), np.sqrt((25 + 100) / 2), np.sqrt((1 + 1) / 2)])
     speed = np.mean([np.sqrt((1 + 4) / 2), np.sqrt((1 + 0) / 2), np.sqrt((9 + 16) / 2)])
-    assert list(scores) == ["position", "speed"]
+    assert list(scores) == ["position", "speed", "position, surviving runs", "speed, surviving runs"]
     close(scores["position"], position, "m")
     close(scores["speed"], speed, "m/s")
 
@@ -118,7 +118,7 @@ def test_nees_of_the_exact_filter_is_one_within_its_interval_at_its_rate():
     case = CASES["linear-gaussian"]
     truth = case.simulate(2400, seed=2)
     estimate = Kalman().run(case.model, truth.y)
-    values = METRICS["nees"].contributions(case, truth, estimate)["state"][::10]
+    values = METRICS["nees"].contributions(Evidence(case, truth, estimate))["state"][::10]
     scores = [METRICS["nees"].score(values[:, i : i + 40], "", 40) for i in range(0, 2400, 40)]
     assert sum(s.low <= 1 <= s.high for s in scores) >= 46
     # Of all runs together the mean is 1 within 5 standard errors; and at any one step 4 nees follows chi² of 4 degrees.
@@ -154,10 +154,14 @@ def test_divergence_needs_its_steps_on_end():
     close(METRICS["divergence"](speed, *pair(errors))["runs"], 0, "", 5, 5)
 
 
-def test_longest_streak():
-    flags = np.array([[1, 1, 0, 1, 0, 1], [0, 1, 1, 1, 1, 1]], bool).T
-    np.testing.assert_array_equal(longest_streak(flags, np.ones_like(flags)), [2, 5])
-    np.testing.assert_array_equal(longest_streak(np.zeros((4, 2), bool), np.ones((4, 2), bool)), [0, 0])
+def test_streak_begins_where_the_first_long_enough_one_does():
+    flags = np.array([[1, 1, 0, 1, 1, 1], [0, 1, 0, 1, 1, 0], [0, 0, 0, 0, 1, 1]], bool).T
+    counted = np.ones_like(flags)
+    np.testing.assert_array_equal(streak(flags, counted, 1), [1, 2, 5])
+    np.testing.assert_array_equal(streak(flags, counted, 2), [1, 4, 5])
+    np.testing.assert_array_equal(streak(flags, counted, 3), [4, np.inf, np.inf])
+    counted[2] = False  # what does not count neither ends nor lengthens a streak
+    np.testing.assert_array_equal(streak(flags, counted, 3), [1, 2, np.inf])
 
 
 def test_failed_and_lost_runs():
@@ -215,7 +219,7 @@ def test_latency_and_throughput_by_hand():
 
 
 def test_metrics_over_time():
-    values = METRICS["rmse"].contributions(CARD, *pair())["position"]
+    values = METRICS["rmse"].contributions(Evidence(CARD, *pair()))["position"]
     value, low, high = METRICS["rmse"].over_time(values)
     np.testing.assert_allclose(value, np.sqrt([12.5, 62.5, 1.0]))
     assert (low <= value).all()

@@ -77,9 +77,9 @@ def test_nobody_is_best_when_all_have_bad_runs():
 
 
 def test_a_target_is_missed_by_its_ratio():
-    """NEES of 1 is the target: a half and a double miss it alike, and any nearer one is best."""
+    """NEES of 1 is the target: 1.4 and 1 / 1.4 miss it alike, and any nearer one is best."""
     exact = ERRORS / np.sqrt((ERRORS**2).mean((0, 1)))  # every run has NEES 1 with variance 1
-    half, double = {"errors": exact, "variance": 2.0}, {"errors": exact, "variance": 0.5}
+    half, double = {"errors": exact, "variance": 1.4}, {"errors": exact, "variance": 1 / 1.4}
     assert ranked("nees", "state", a=half, b={"errors": exact, "variance": 1.1}) == {"b": BEST}
     assert ranked("nees", "state", a={"errors": exact, "variance": 0.9}, b=double) == {"a": BEST}
     assert ranked("nees", "state", a=half, b=double) == {"a": TIED, "b": TIED}
@@ -91,7 +91,7 @@ def test_an_infinite_score_is_never_best():
 
 def test_runs_are_compared_where_both_have_them():
     assert ranked(a={}, b={"errors": 1.5 * ERRORS[..., 5:], "runs": list(range(5, RUNS))}) == {"a": BEST}
-    apart = {"errors": 1.5 * ERRORS, "runs": list(range(100, 100 + RUNS))}
+    apart = {"errors": 1.5 * ERRORS, "variance": 2.25, "runs": list(range(100, 100 + RUNS))}
     assert set(ranked(a={}, b=apart).values()) == {TIED}
 
 

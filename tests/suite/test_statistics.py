@@ -4,41 +4,75 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from suite.statistics import jackknife, positive_jackknife, proportion, weighted_mean
-
-
-def mean_of(data):
-    """The mean of data[S, R] as a statistic of weighted runs."""
-    return lambda weights: weighted_mean(np.atleast_2d(data), weights)
+from suite.statistics import averaged, below_zero, jackknife, means, positive_jackknife, proportion
 
 
 def root_mean_square(data):
-    return lambda weights: np.sqrt(weighted_mean(np.atleast_2d(data) ** 2, weights))
+    return means(np.atleast_2d(data) ** 2).map(np.sqrt)
+
+
+def interval(sample, kind=jackknife, **level):
+    return sample.value, *kind(sample, **level)
+
+
+def test_means_without_each_run_in_turn():
+    data = np.random.default_rng(0).lognormal(0, 3, (4, 9))
+    data[1, 3] = data[2, :7] = np.nan
+    data[3, 2] = np.inf
+    found = means(data)
+    np.testing.assert_allclose(found.value, np.nanmean(data, axis=1))
+    for r in range(9):
+        np.testing.assert_allclose(found.left_out[:, r], np.nanmean(np.delete(data, r, axis=1), axis=1))
+    assert np.isfinite(found.left_out[3, 2])
+
+
+def test_a_run_that_is_far_larger_than_the_others_takes_no_digits_from_them():
+    data = np.array([[1.0, 2.0, 1e30, 4.0]])
+    np.testing.assert_allclose(means(data).left_out[0, 2], 7 / 3, rtol=1e-15)
+
+
+def test_averaged_is_the_mean_over_time_of_a_function_of_the_mean_over_runs():
+    data = np.random.default_rng(1).exponential(size=(5, 7))
+    data[0, 2] = data[3] = np.nan
+    known = [0, 1, 2, 4]
+    found = averaged(data, np.sqrt)
+    np.testing.assert_allclose(found.value, np.sqrt(np.nanmean(data[known], axis=1)).mean())
+    np.testing.assert_allclose(found.left_out[0, 4], np.sqrt(np.nanmean(np.delete(data[known], 4, axis=1), axis=1)).mean())
+    plain = averaged(data[known[1:]])
+    np.testing.assert_allclose(plain.value, data[known[1:]].mean())
+    np.testing.assert_allclose(plain.left_out[0, 4], np.delete(data[known[1:]], 4, axis=1).mean())
 
 
 def test_jackknife_of_a_mean_is_the_t_interval():
     data = np.random.default_rng(0).exponential(size=(4, 25))
-    value, low, high = jackknife(mean_of(data), 25)
+    value, low, high = interval(means(data))
     expected = stats.ttest_1samp(data, 0, axis=1).confidence_interval(0.95)
     np.testing.assert_allclose(value, data.mean(1))
     np.testing.assert_allclose([low, high], expected, rtol=1e-10)
 
 
+def test_below_zero_is_the_one_sided_t_test():
+    data = np.random.default_rng(3).standard_normal((5, 12)) - 0.3
+    expected = stats.ttest_1samp(data, 0, axis=1, alternative="less").pvalue
+    np.testing.assert_allclose(below_zero(means(data)), expected, rtol=1e-10)
+    np.testing.assert_array_equal(below_zero(means(np.array([[-1.0] * 4, [0.0] * 4, [2.0] * 4]))), [0, 0.5, 1])
+
+
 def test_jackknife_of_a_root_by_pseudo_values():
     data = np.random.default_rng(1).exponential(size=12)
-    value, low, high = jackknife(root_mean_square(data), 12)
+    value, low, high = interval(root_mean_square(data))
     whole = np.sqrt((data**2).mean())
     pseudo = np.array([12 * whole - 11 * np.sqrt((np.delete(data, r) ** 2).mean()) for r in range(12)])
     expected = stats.ttest_1samp(pseudo, 0).confidence_interval(0.95)
     np.testing.assert_allclose([value[0], low[0], high[0]], [whole, *expected], rtol=1e-10)
 
 
-@pytest.mark.parametrize("interval", [jackknife, positive_jackknife])
-def test_coverage_for_normal_means(interval):
+@pytest.mark.parametrize("kind", [jackknife, positive_jackknife])
+def test_coverage_for_normal_means(kind):
     # 6000 samples give the coverage a standard deviation of 0.0028; the logarithm of a mean that is 3 with a scatter of
     # 0.22 costs less than 0.005. Band 0.02: a false alarm has probability below 1e-6.
     data = np.random.default_rng(0).standard_normal((6000, 20)) + 3
-    _, low, high = interval(mean_of(data), 20)
+    low, high = kind(means(data))
     assert abs(((low < 3) & (high > 3)).mean() - 0.95) < 0.02
     assert abs((low > 3).mean() - (high < 3).mean()) < 0.025  # both sides miss alike
 
@@ -49,77 +83,52 @@ def test_coverage_of_a_root_averaged_over_many_steps():
     squares = np.random.default_rng(0).standard_exponential((1000, 400 * 12)).reshape(1000, 400, 12)
     inside = 0
     for sample in range(400):
-        part = squares[:, sample]
-
-        def rms(weights, part=part):
-            return np.sqrt(weighted_mean(part, weights)).mean(0)[None]
-
-        _, low, high = positive_jackknife(rms, 12)
+        low, high = positive_jackknife(averaged(squares[:, sample], np.sqrt))
         inside += low[0] < 1.0 < high[0]
     assert inside / 400 > 0.95 - 0.055
 
 
 def test_a_positive_interval_is_positive():
     wild = np.array([[1.0, 1.0, 1.0, 1.0, 1000.0], [0.0, 0.0, 0.0, 0.0, 7.0], [0.0] * 5])
-    value, low, high = positive_jackknife(mean_of(wild), 5)
+    value, low, high = interval(means(wild), positive_jackknife)
     assert (low >= 0).all()
     assert low[0] > 0
     assert ((low <= value) & (value <= high)).all()
     assert (value[2], low[2], high[2]) == (0, 0, 0)
-    assert np.isnan(positive_jackknife(mean_of(np.array([[2.5]])), 1)[1:]).all()
+    assert np.isnan(positive_jackknife(means(np.array([[2.5]])))).all()
 
 
 def test_level_widens_the_interval():
-    data = np.random.default_rng(0).standard_normal((1, 30))
-    _, low, high = jackknife(mean_of(data), 30)
-    _, wide_low, wide_high = jackknife(mean_of(data), 30, level=0.99)
+    sample = means(np.random.default_rng(0).standard_normal((1, 30)))
+    (low, high), (wide_low, wide_high) = jackknife(sample), jackknife(sample, level=0.99)
     assert wide_low < low < high < wide_high
 
 
-def test_the_same_data_give_the_same_interval_and_pairs_stay_paired():
-    data = np.random.default_rng(0).standard_normal((2, 30))
-    assert np.array_equal(jackknife(mean_of(data), 30), jackknife(mean_of(data), 30))
-    both, alone = jackknife(mean_of(data), 30), jackknife(mean_of(data[1]), 30)
-    np.testing.assert_allclose([part[1] for part in both], [part[0] for part in alone], rtol=1e-12)
-    # A constant difference between two estimators has an interval of no width.
-    _, low, high = jackknife(lambda w: mean_of(data[0] + 0.25)(w) - mean_of(data[0])(w), 30)
-    np.testing.assert_allclose([low, high], 0.25, rtol=1e-12)
+def test_pairs_stay_paired():
+    """A constant difference between two estimators has an interval of no width."""
+    data = np.random.default_rng(0).standard_normal((1, 30))
+    np.testing.assert_allclose(jackknife(means(data + 0.25) - means(data)), 0.25, rtol=1e-12)
 
 
 def test_constant_contributions_have_no_width():
-    value, low, high = jackknife(mean_of(np.full((3, 10), 0.1)), 10)
+    value, low, high = interval(means(np.full((3, 10), 0.1)))
     np.testing.assert_allclose([value, low, high], 0.1, rtol=1e-13)
-    value, low, high = jackknife(mean_of(np.zeros((1, 10))), 10)
-    assert (value, low, high) == (0, 0, 0)
+    assert interval(means(np.zeros((1, 10)))) == (0, 0, 0)
 
 
 def test_one_run_has_a_value_and_no_interval():
-    value, low, high = jackknife(mean_of(np.array([[2.5]])), 1)
+    value, low, high = interval(means(np.array([[2.5]])))
     assert value == 2.5
     assert np.isnan([low, high]).all()
 
 
 def test_two_runs():
-    value, low, high = jackknife(mean_of(np.array([[1.0, 3.0]])), 2)
+    value, low, high = interval(means(np.array([[1.0, 3.0]])))
     np.testing.assert_allclose([value[0], high[0] - 2, 2 - low[0]], [2, *[stats.t.ppf(0.975, 1)] * 2])
 
 
-def test_weighted_mean_by_hand():
-    data = np.array([[1.0, 2.0, 3.0], [4.0, np.nan, 6.0], [np.nan, np.nan, 5.0]])
-    weights = np.array([[1.0, 1.0, 1.0], [2.0, 0.0, 1.0], [0.0, 0.0, 3.0]])
-    expected = [[2.0, 5 / 3, 3.0], [5.0, 14 / 3, 6.0], [5.0, 5.0, 5.0]]
-    np.testing.assert_allclose(weighted_mean(data, weights), expected)
-    np.testing.assert_allclose(weighted_mean(data[:1], weights), expected[:1])
-    with np.errstate(invalid="ignore"):
-        assert np.isnan(weighted_mean(data, np.array([[1.0, 2.0, 0.0]]))[2, 0])
-
-
-def test_infinite_contributions_count_where_they_have_weight():
-    data = np.array([[1.0, np.inf, 3.0], [np.nan, np.inf, np.inf], [1.0, 2.0, 3.0]])
-    weights = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 2.0], [2.0, 0.0, 1.0]])
-    found = weighted_mean(data, weights)
-    np.testing.assert_allclose(found, [[np.inf, 7 / 3, 5 / 3], [np.inf] * 3, [2.0, 7 / 3, 5 / 3]])
-    value, low, high = positive_jackknife(mean_of(np.array([[1.0, 1.5, 2.0, 2.5, np.inf]])), 5)
+def test_an_infinite_run_makes_the_interval_open():
+    value, low, high = interval(means(np.array([[1.0, 1.5, 2.0, 2.5, np.inf]])), positive_jackknife)
     assert (value, high) == (np.inf, np.inf)
     assert 1 <= low <= np.inf
 
@@ -127,9 +136,8 @@ def test_infinite_contributions_count_where_they_have_weight():
 def test_nan_contributions_are_as_if_the_run_were_not_there():
     # The ten known runs of fifteen: leaving out a run that is not there changes nothing.
     data = np.random.default_rng(0).standard_normal(10)
-    holes = np.concatenate([data, np.full(5, np.nan)])[None]
-    value, low, high = jackknife(mean_of(holes), 15)
-    plain, plain_low, plain_high = jackknife(mean_of(data), 10)
+    value, low, high = interval(means(np.concatenate([data, np.full(5, np.nan)])[None]))
+    plain, plain_low, plain_high = interval(means(data[None]))
     np.testing.assert_allclose(value, plain)
     assert np.isfinite([low, high]).all()
     assert abs((high - low) / (plain_high - plain_low) - 1) < 0.25

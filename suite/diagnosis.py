@@ -1,0 +1,117 @@
+"""What is wrong with an estimator on a case, as far as its scores can tell: in words, and only where they are sure of it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from suite.bounds import KNOWN_MODES, POSTERIOR
+from suite.case import FROM_MODEL, RECORDED
+from suite.metrics import METRICS, SURVIVING, Score, counted
+from suite.results import Cell
+from suite.statistics import Resampled, below_zero
+
+SURE = 1e-3
+"""Probability at most of a remark by chance, of each kind on each estimator and case."""
+CREDIBLE = 1.5
+"""Mean squared errors so many times larger or smaller than the covariance says are named; a little they always differ."""
+LATE = 0.5
+"""Steps behind the truth beyond which an estimator is called late."""
+OFTEN = 0.5
+"""Share of diverged runs from which on an estimator is said to lose its target."""
+
+
+@dataclass(frozen=True)
+class Remark:
+    """What a reader must know of an estimator on a case before choosing it: in a word or two, and in a sentence.
+
+    bars: whether it keeps the estimator from being called best by anything but running time.
+    """
+
+    kind: str
+    words: str
+    bars: bool
+
+
+def remarks(cell: Cell) -> list[Remark]:
+    """What is wrong with an estimator on a case; nothing where no run is stored."""
+    looks = (_incomplete, _lost_target, _too_good, _misled, _incredible, _late)
+    return [remark for look in looks for remark in look(cell)] if cell.runs else []
+
+
+def _incomplete(cell: Cell) -> Iterator[Remark]:
+    for status in ("failed", "lost"):
+        if count := cell.counts[status]:
+            yield Remark(status, f"{status} in {count} of {len(cell.runs)} runs", True)
+
+
+def _lost_target(cell: Cell) -> Iterator[Remark]:
+    score = cell.scores(METRICS["divergence"]).get("runs")
+    if score and score.runs and score.value >= OFTEN:
+        yield Remark("diverges", f"diverged in {round(score.value * score.runs)} of {score.runs} runs", True)
+
+
+def _too_good(cell: Cell) -> Iterator[Remark]:
+    """Errors below a bound that holds for every estimator: it knows what measurements do not tell."""
+    bound = cell.case.bounds[0] if cell.case.bounds else None
+    if bound is None or bound.reason or bound.kind not in (POSTERIOR, KNOWN_MODES):
+        return
+    with np.errstate(all="ignore"):
+        uncertain = 4 * np.nanmax(np.where(bound.value > 0, bound.error / bound.value, 0.0))
+    for block, score in _below(cell, "crlb-ratio", 1 - uncertain):
+        yield Remark("too good", f"RMSE of {block} only {_text(score)} of a bound that no estimator can beat", True)
+        return
+
+
+def _misled(cell: Cell) -> Iterator[Remark]:
+    for block, score in _below(cell, "skill", 0.0):
+        words = f"errors of {block} larger than without any measurement (skill {_text(score)})"
+        yield Remark("misled", words, True)
+        return
+
+
+def _incredible(cell: Cell) -> Iterator[Remark]:
+    """A covariance far from the errors; where the truth is drawn from the model, that is the filter's own fault."""
+    bars = cell.case.card.origin == FROM_MODEL
+    for _, score in _above(cell, "nees", CREDIBLE):
+        said = "its covariance singular at some steps" if np.isinf(score.value) else ""
+        yield Remark("optimistic", said or f"squared errors {_text(score)} times what its covariance says", bars)
+    for _, score in _below(cell, "nees", 1 / CREDIBLE):
+        yield Remark("pessimistic", f"squared errors only {_text(score)} of what its covariance says", bars)
+
+
+def _late(cell: Cell) -> Iterator[Remark]:
+    for block, score in _above(cell, "lag", LATE):
+        words = f"estimates of {block} {_text(score)} steps behind the truth"
+        yield Remark("late", words, cell.case.card.origin == FROM_MODEL)
+        return
+
+
+def _above(cell: Cell, name: str, limit: float) -> Iterator[tuple[str, Score]]:
+    """Blocks whose score of a metric is surely above a limit."""
+    return _beyond(cell, name, limit, -1)
+
+
+def _below(cell: Cell, name: str, limit: float) -> Iterator[tuple[str, Score]]:
+    """Blocks whose score of a metric is surely below a limit."""
+    return _beyond(cell, name, limit, 1)
+
+
+def _beyond(cell: Cell, name: str, limit: float, side: int) -> Iterator[tuple[str, Score]]:
+    """Blocks whose score is surely below a limit (side 1) or above (side -1); of a recording, a single sample, none is."""
+    metric = METRICS[name]
+    found = {block: score for block, score in cell.scores(metric).items() if score.runs > 1 and SURVIVING not in block}
+    if cell.case.card.origin == RECORDED:
+        return
+    for block, score in found.items():
+        values = cell.contributions(metric)[block]
+        sample = metric.resampled(values[..., counted(values)])
+        scaled = sample if metric.signed else sample.map(np.log)
+        limited = limit if metric.signed else np.log(limit)
+        distance = Resampled(side * (scaled.value - limited), side * (scaled.left_out - limited))
+        if (np.isinf(score.value) and side < 0) or below_zero(distance)[0] < SURE / len(found):
+            yield block, score
+
+
+def _text(score: Score) -> str:
+    return f"{score.value:.3g} [{score.low:.3g}, {score.high:.3g}]"
