@@ -18,18 +18,15 @@ from suite.arguments import parse
 from suite.errors import BadInput, near
 from suite.examination import examine, summary
 from suite.metrics import METRICS
+from suite.notices import BAD, DONE, INTERRUPTED, TROUBLE, announce, complain, conclude, show
 from suite.problems import PROBLEMS
 from suite.progress import Progress
-from suite.record import Report
 from suite.registry import Catalog, catalog
-from suite.run import Outcome, execute
+from suite.run import execute
 from suite.store import Store
 from suite.tables import describe, print_scores, print_table, print_verdicts
 from suite.trial import measured
 from suite.worker import Context
-
-DONE, TROUBLE, BAD = 0, 1, 2
-INTERRUPTED = 130
 
 
 def load_catalog(plugins: Sequence[str] = ()) -> Catalog:
@@ -52,16 +49,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = commands[options.command](options)
         sys.stdout.flush()
     except BadInput as error:
-        _complain(str(error))
+        complain(str(error))
         return BAD
     except KeyboardInterrupt:
-        _complain("interrupted; what is finished is kept, repeat the command to go on")
+        complain("interrupted; what is finished is kept, repeat the command to go on")
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output, such as `head`, has seen enough
         _drop_output()
         return DONE
     except OSError as error:
-        _complain(str(error))
+        complain(str(error))
         return BAD
     return code
 
@@ -88,7 +85,7 @@ def _check(options: argparse.Namespace) -> int:
             broken.append(label)
     print(f"{len(estimators) - len(broken)} of {len(estimators)} estimators keep all rules")
     if broken:
-        _complain(f"rules are broken by {', '.join(broken)}")
+        complain(f"rules are broken by {', '.join(broken)}")
     return TROUBLE if broken else DONE
 
 
@@ -111,14 +108,15 @@ def _run(options: argparse.Namespace) -> int:
     if store and not options.dry_run:
         store.sweep()
         for damage in damages:
-            _complain(f"set aside {damage.path}: {damage.reason}; it is now {store.set_aside(damage)}")
+            complain(f"set aside {damage.path}: {damage.reason}; it is now {store.set_aside(damage)}")
     runs_of = (lambda _: options.runs) if options.runs else profile.runs_of
     size = options.block or profile.block
     planned = plan.make(known, chosen, runs_of, options.seed, size, entries, options.retry_failed)
-    _announce(planned, [len(e) for e in chosen.values()], [runs_of(case) for case in chosen], options)
+    announce(planned, [len(e) for e in chosen.values()], [runs_of(case) for case in chosen], options.seed, options.results)
     if options.dry_run:
+        show(planned)
         for damage in damages:
-            _complain(f"would set aside {damage.path}: {damage.reason}")
+            complain(f"would set aside {damage.path}: {damage.reason}")
         return DONE
     context = Context(options.results, load_catalog, tuple(options.plugin), options.command_line)
     try:
@@ -126,57 +124,13 @@ def _run(options: argparse.Namespace) -> int:
             outcome = execute(planned, context, options.jobs, options.time_limit or profile.time_limit, progress.advance)
     finally:  # a worker that was stopped may have been writing
         Store(options.results).sweep()
-    return _conclude(outcome, known, options)
+    return conclude(outcome, known, options.results)
 
 
 def _store_if_any(folder: str) -> Store | None:
     """The results folder; None when it does not exist yet or is empty."""
     path = Path(folder)
     return None if not path.exists() or (path.is_dir() and not any(path.iterdir())) else Store(path)
-
-
-def _announce(planned: plan.Plan, estimators: Sequence[int], runs: Sequence[int], options: argparse.Namespace) -> None:
-    each, columns = (" to ".join(map(str, sorted({min(n), max(n)}))) for n in (runs, estimators))
-    print(
-        f"{planned.cells} cells ({columns} estimators x {len(runs)} cases, {planned.refused} refused), {each} runs each, "
-        f"seed {options.seed}: {len(planned.blocks)} blocks to run, {planned.stored} stored already in {options.results}"
-    )
-    if planned.stored_failures:
-        print(f"{planned.stored_failures} of the stored blocks hold failures; --retry-failed runs them again")
-    if options.dry_run:
-        rows: dict[tuple[str, str, str], int] = {}
-        for block in planned.blocks:
-            key = (block.case, block.estimator or "", block.kind)
-            rows[key] = rows.get(key, 0) + 1
-        print_table("would run", ("case", "estimator", "kind", "blocks"), [(*key, str(n)) for key, n in rows.items()])
-
-
-def _conclude(outcome: Outcome, known: Catalog, options: argparse.Namespace) -> int:
-    """Say what went wrong, cell by cell, one line each, and choose the exit code.
-
-    A plug-in that fails in every run it was given is bad input; anything else that fails is a result.
-    """
-    cells: dict[tuple[str, str], list[Report]] = {}
-    for report in outcome.reports:
-        cells.setdefault((report.block.case, report.block.estimator or ""), []).append(report)
-    unsound = {case for (case, estimator), reports in cells.items() if not estimator and any(r.failed for r in reports)}
-    tally: dict[str, list[tuple[int, int]]] = {}
-    for (case, estimator), reports in cells.items():
-        culprit = f"case {case}" if case in unsound or not estimator else f"estimator {estimator.partition('[')[0]}"
-        counted = [r for r in reports if r.block.kind in (plan.TRUTH, plan.ESTIMATE)]
-        failed, total = sum(r.failed for r in counted), sum(r.block.count for r in counted)
-        tally.setdefault(culprit, []).append((failed, total))
-        reason = next((r.reason for r in [*counted, *reports] if r.failed), "")
-        if reason:
-            other = "it could not be timed" if estimator else "its bounds could not be computed"
-            what = f"{failed} of {total} runs failed or were lost" if failed else other
-            source = f" (plug-in {known.plugins[culprit]})" if culprit in known.plugins else ""
-            _complain(f"{estimator or 'simulation'} on {case}{source}: {what}; {reason}")
-    print(f"{len(outcome.reports)} blocks finished; `filterbench score --results {options.results}` shows the scores")
-    hopeless = [c for c, counts in tally.items() if 0 < sum(f for f, _ in counts) == sum(n for _, n in counts)]
-    if any(culprit in known.plugins for culprit in hopeless):
-        return BAD
-    return TROUBLE if any(r.failed for r in outcome.reports) else DONE
 
 
 def _score(options: argparse.Namespace) -> int:
@@ -205,7 +159,7 @@ def _verify(options: argparse.Namespace) -> int:
     broken = [v for v in found if v.broken]
     for v in broken:
         now = "agree" if v.agrees else "do not agree"
-        _complain(
+        complain(
             f"{v.case}, {v.published.estimator}, {v.published.quantity}: recorded as {v.recorded}, but these results {now}"
         )
     return TROUBLE if broken or loaded.damages else DONE
@@ -230,7 +184,7 @@ def _load(options: argparse.Namespace) -> results.Results:
             f"no block{which} is finished yet in {options.results}; run `filterbench run --results {options.results}` first"
         )
     for damage in loaded.damages:
-        _complain(f"left out {damage.path}: {damage.reason}; `filterbench run` sets it aside and recomputes it")
+        complain(f"left out {damage.path}: {damage.reason}; `filterbench run` sets it aside and recomputes it")
     return loaded
 
 
@@ -242,10 +196,6 @@ def _matching(kind: str, known: Any, patterns: Sequence[str]) -> list[str]:
         if not any(n == pattern or fnmatchcase(n, pattern) for n in names):
             raise BadInput(f"no stored {kind} matches {pattern!r}; {near(pattern.strip('*?'), names)}")
     return found
-
-
-def _complain(message: str) -> None:
-    print(f"filterbench: {' '.join(message.split())}", file=sys.stderr)
 
 
 def _drop_output() -> None:

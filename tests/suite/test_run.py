@@ -209,13 +209,13 @@ def test_a_plugin_that_vanishes_while_its_blocks_wait(cli, tmp_path, monkeypatch
     """The workers cannot load it: one line, and no end of new workers."""
     plugin = tmp_path / "gone.py"
     plugin.write_text((PLUGINS / "tiny.py").read_text())
-    real = suite.cli._announce
+    real = suite.cli.announce
 
     def announce(*arguments):
         real(*arguments)
         plugin.unlink()
 
-    monkeypatch.setattr(suite.cli, "_announce", announce)
+    monkeypatch.setattr(suite.cli, "announce", announce)
     said = cli("run", "--plugin", plugin, "-c", "tiny", "-e", "last", "--runs", 2, "--results", tmp_path / "results")
     assert (said.code, said.errors) == (2, [f"filterbench: plug-in {plugin} is no file"])
 
