@@ -59,6 +59,9 @@ def _run(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--profile", choices=tuple(PROFILES), default="quick", help=words)
     add("--runs", type=_integer(1), metavar="N", help="Monte Carlo runs of each cell (default: the profile's)")
+    words = "add runs until the intervals of a score are as narrow as WIDTH: 5%% of the value to each side, or 0.02 in its unit"
+    add("--until", action="append", nargs=2, default=[], metavar=("METRIC:BLOCK", "WIDTH"), help=words)
+    add("--most-runs", type=_integer(1), default=1000, metavar="N", help="with --until: runs of a cell at most (default: 1000)")
     add("--seed", type=_integer(0), default=1, metavar="S", help="seed of all random streams (default: 1)")
     add("--jobs", type=_integer(1), default=1, metavar="J", help="worker processes (default: 1)")
     add("--block", type=_integer(1), metavar="N", help="runs in a block of work (default: the profile's)")

@@ -6,27 +6,36 @@ import io
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 import cases
 from estimators import ESTIMATORS
-from suite import parameters, plan, recording, results, score, verdicts
+from suite import parameters, plan, recording, results, sampling, score, verdicts
 from suite.arguments import parse
+from suite.case import Case
 from suite.errors import BadInput, near
+from suite.estimator import Estimator
 from suite.examination import examine, summary
 from suite.metrics import METRICS
 from suite.notices import BAD, DONE, INTERRUPTED, TROUBLE, announce, complain, conclude, show
 from suite.problems import PROBLEMS
 from suite.progress import Progress
 from suite.registry import Catalog, catalog
-from suite.run import execute
+from suite.run import Outcome, execute
 from suite.store import Store
 from suite.tables import describe, print_scores, print_table, print_verdicts
 from suite.trial import measured
 from suite.worker import Context
+
+BLOCKS = 40
+"""Into about so many blocks the runs of a cell are divided that --until asks for."""
+Chosen = Mapping[Case, Sequence[Estimator]]
+"""The estimators to run on each case."""
+Runs = dict[Case, int]
+"""How many runs each case gets."""
 
 
 def load_catalog(plugins: Sequence[str] = ()) -> Catalog:
@@ -99,32 +108,59 @@ def _take_recordings(options: argparse.Namespace) -> None:
 def _run(options: argparse.Namespace) -> int:
     known = load_catalog(options.plugin)
     profile, named = plan.PROFILES[options.profile], known.estimators.select(options.estimator)
+    goals = [sampling.goal(*words) for words in options.until]
     chosen = {
         case: named if options.estimator else profile.estimators_of(case, known.estimators)
         for case in known.cases.select(options.case)
     }
+    runs = {case: options.runs or profile.runs_of(case) for case in chosen}
     store = Store(options.results, create=True) if not options.dry_run else _store_if_any(options.results)
     entries, damages = store.scan() if store else ([], [])
     if store and not options.dry_run:
         store.sweep()
         for damage in damages:
             complain(f"set aside {damage.path}: {damage.reason}; it is now {store.set_aside(damage)}")
-    runs_of = (lambda _: options.runs) if options.runs else profile.runs_of
-    size = options.block or profile.block
-    planned = plan.make(known, chosen, runs_of, options.seed, size, entries, options.retry_failed)
-    announce(planned, [len(e) for e in chosen.values()], [runs_of(case) for case in chosen], options.seed, options.results)
+    planned = plan.make(known, chosen, runs, options.seed, options.block or profile.block, entries, options.retry_failed)
+    announce(planned, [len(e) for e in chosen.values()], list(runs.values()), options.seed, options.results)
     if options.dry_run:
         show(planned)
         for damage in damages:
             complain(f"would set aside {damage.path}: {damage.reason}")
         return DONE
+    outcome = _compute(planned, options)
+    while goals and (more := _short(chosen, runs, goals, options)):
+        runs |= more
+        again = {case: chosen[case] for case in more}
+        size = options.block or max(profile.block, max(more.values()) // BLOCKS)
+        planned = plan.make(known, again, runs, options.seed, size, Store(options.results).scan()[0])
+        announce(planned, [len(e) for e in again.values()], list(more.values()), options.seed, options.results)
+        outcome.reports += _compute(planned, options).reports
+    return conclude(outcome, known, options.results)
+
+
+def _compute(planned: plan.Plan, options: argparse.Namespace) -> Outcome:
+    """Run a plan in worker processes."""
     context = Context(options.results, load_catalog, tuple(options.plugin), options.command_line)
+    time_limit = options.time_limit or plan.PROFILES[options.profile].time_limit
     try:
         with Progress(len(planned.blocks)) as progress:
-            outcome = execute(planned, context, options.jobs, options.time_limit or profile.time_limit, progress.advance)
+            return execute(planned, context, options.jobs, time_limit, progress.advance)
     finally:  # a worker that was stopped may have been writing
         Store(options.results).sweep()
-    return conclude(outcome, known, options.results)
+
+
+def _short(chosen: Chosen, runs: Mapping[Case, int], goals: Sequence[sampling.Goal], options: argparse.Namespace) -> Runs:
+    """The cases whose intervals are too wide yet, with the runs they need; where there is none, says how wide all are."""
+    loaded = results.load(options.results, seed=options.seed)
+    found = {
+        case: sampling.standings(loaded.cases[case.name], map(parameters.label, estimators), goals)
+        for case, estimators in chosen.items()
+        if case.name in loaded.cases
+    }
+    more = {case: n for case, each in found.items() if (n := sampling.needed(each, runs[case], options.most_runs)) > runs[case]}
+    if not more:
+        print_table("sampled", sampling.HEADER, sampling.summary(found.values(), options.most_runs))
+    return more
 
 
 def _store_if_any(folder: str) -> Store | None:

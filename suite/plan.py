@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,26 +89,26 @@ class Plan:
 def make(
     catalog: Catalog,
     cases: Mapping[Case, Sequence[Estimator]],
-    runs: Callable[[Case], int],
+    runs: Mapping[Case, int],
     seed: int,
     size: int,
     entries: Iterable[Entry],
     retry_failed: bool = False,
 ) -> Plan:
-    """Plan runs(case) runs of each case's estimators in blocks of `size`, leaving out what the store's entries hold."""
+    """Plan runs[case] runs of each case's estimators in blocks of `size`, leaving out what the store's entries hold."""
     held = _Held(entries, retry_failed)
     blocks: list[WorkBlock] = []
     refused = 0
     for case, estimators in cases.items():
         truth = version(TRUTH, catalog, case, None, seed)
-        blocks += _missing(TRUTH, case, None, seed, truth, truth, runs(case), size, held)
+        blocks += _missing(TRUTH, case, None, seed, truth, truth, runs[case], size, held)
         blocks += _missing(BOUND, case, None, seed, version(BOUND, catalog, case, None, seed), truth, 1, 1, held)
         for estimator in estimators:
             reason = _refusal(estimator, case)
             kind = REFUSAL if reason else ESTIMATE
             refused += bool(reason)
             cell = version(kind, catalog, case, estimator, seed)
-            wanted = 1 if reason else runs(case)
+            wanted = 1 if reason else runs[case]
             blocks += _missing(kind, case, estimator, seed, cell, truth, wanted, size, held, reason or "")
             if not reason:
                 timing = version(TIMING, catalog, case, estimator, seed)

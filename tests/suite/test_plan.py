@@ -24,15 +24,9 @@ def known():
 @pytest.fixture
 def make(known):
     def make(names, runs=4, size=2, seed=1, entries=(), retry=False, chosen=("tiny",)):
-        return plan.make(
-            known,
-            dict.fromkeys(known.cases.select(chosen), known.estimators.select(names)),
-            lambda case: runs,
-            seed,
-            size,
-            entries,
-            retry,
-        )
+        chosen_cases = known.cases.select(chosen)
+        wanted = dict.fromkeys(chosen_cases, known.estimators.select(names))
+        return plan.make(known, wanted, dict.fromkeys(chosen_cases, runs), seed, size, entries, retry)
 
     return make
 
@@ -72,7 +66,8 @@ def test_long_cases_get_fewer_runs_in_the_quick_profile(known):
     quick, paper = ({s: plan.PROFILES[name].runs_of(c) for s, c in long.items()} for name in ("quick", "paper"))
     assert quick == {1: 12, 40: 12, 100: 6, 150: 4, 299: 3, 400: 3, 10_000: 3}
     assert set(paper.values()) == {100}
-    known_to_few = plan.make(known, {long[400]: (), long[40]: ()}, plan.PROFILES["quick"].runs_of, 1, 6, ())
+    runs = {long[steps]: quick[steps] for steps in (400, 40)}
+    known_to_few = plan.make(known, dict.fromkeys(runs, ()), runs, 1, 6, ())
     assert spans(known_to_few, plan.TRUTH) == [(0, 3), (0, 6), (6, 6)]
 
 
@@ -163,7 +158,7 @@ def test_accepts_that_does_not_say(known, answer, words):
             return answer
 
     with pytest.raises(BadInput, match=words):
-        plan.make(known, {known.cases["tiny"]: [Vague()]}, lambda _: 1, 1, 1, [])
+        plan.make(known, {known.cases["tiny"]: [Vague()]}, {known.cases["tiny"]: 1}, 1, 1, [])
 
 
 # What an address depends on.
@@ -241,7 +236,7 @@ def test_a_data_file_changes_the_addresses_of_its_case(known, tmp_path):
     def planned(text):
         data.write_text(text)
         provenance.fingerprint.cache_clear()
-        return {b.address for b in plan.make(known, {case: estimators}, lambda _: 2, 1, 2, []).blocks}
+        return {b.address for b in plan.make(known, {case: estimators}, {case: 2}, 1, 2, []).blocks}
 
     assert planned("1,2") == planned("1,2")
     assert planned("1,2").isdisjoint(planned("1,3"))
@@ -252,5 +247,5 @@ def test_more_entries_change_no_address(make, tmp_path):
     more.write_text("from estimators.kalman import Kalman\nclass More(Kalman):\n    name = 'more'\nESTIMATORS = (More(),)\n")
     before = make(["kalman", "last"])
     wide = catalog(ESTIMATORS, cases.MODULES).with_plugins([TINY, str(more)])
-    after = plan.make(wide, {wide.cases["tiny"]: wide.estimators.select(["*"])}, lambda _: 4, 1, 2, [])
+    after = plan.make(wide, {wide.cases["tiny"]: wide.estimators.select(["*"])}, {wide.cases["tiny"]: 4}, 1, 2, [])
     assert {b.address for b in before.blocks} < {b.address for b in after.blocks}
