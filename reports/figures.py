@@ -3,6 +3,7 @@
 import contextlib
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -13,16 +14,20 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 
 from reports import svg
 from reports.marks import Mark
-from reports.series import Series, Tracks
+from reports.series import Band, Series, Tracks
 from reports.text import tick
 from suite.case import Card
 from suite.linalg import Array
 
 LOG_FROM = 30.0
 """A range of values above which the axis is logarithmic."""
+FARTHEST = 1000.0
+"""So many times the target an axis reaches, or what is near it could not be told apart."""
 MARKERS_ON_A_LINE = 7
 BOUND_DASHES = ((5, 2), (1, 1.5))
 """Of the first bound and the second: dashed and dotted."""
+GREY: dict[str, Any] = {"color": svg.INK, "alpha": 0.17, "lw": 0.8, "zorder": 0.9}
+"""Of the band that chance allows for."""
 MANY_STEPS = 300
 """Above so many steps lines are thin, or a noisy one is a blot."""
 WIDTH, HEIGHT = 6.6, 3.0
@@ -38,15 +43,23 @@ def over_time(
     title: str,
     target: float | None = None,
     bounds: Sequence[Array] = (),
+    chance: Band | None = None,
 ) -> Markup | None:
-    """Lines over time with their intervals as bands, and the bounds[T] below them; None when there is nothing to draw."""
+    """Lines over time with their intervals as bands, the bounds[T] below them and the band that chance alone allows for.
+
+    None when there is nothing to draw.
+    """
     values = _finite(np.concatenate([s.value for s in series])) if series else np.empty(0)
     if not values.size:
         return None
     shown = [np.where(bound > 0, bound, np.nan) for bound in bounds]
     with _drawing():
         axes = _axes(WIDTH, HEIGHT)
-        bottom = _scale(axes, np.concatenate([values, *map(_finite, shown)]), series, target)
+        tops = [] if chance is None else [_finite(chance.high)]
+        bottom = _scale(axes, np.concatenate([values, *map(_finite, shown), *tops]), series, target)
+        if chance is not None:
+            region = axes.fill_between(series[0].time, np.maximum(chance.low, bottom), chance.high, **GREY)
+            region.set_gid("chance")
         for number, one in enumerate(series):
             _line(axes, one, marks[one.label], bottom, number / len(series))
         for bound, dashes in zip(shown, BOUND_DASHES, strict=False):
@@ -58,6 +71,13 @@ def over_time(
         axes.set_xlim(0, float(series[0].time[-1]) or 1.0)
         _dress(axes)
         return svg.inline(axes.figure, name, title, f"{label} over time (s) of {', '.join(s.label for s in series)}")
+
+
+def beyond(series: Sequence[Series], target: float | None) -> float:
+    """The end of an axis with a target beyond which some of the values lie, though not all; else infinity."""
+    values = _finite(np.concatenate([s.value for s in series])) if series else np.empty(0)
+    end = FARTHEST * target if target else np.inf
+    return end if (values > end).any() and (values <= end).any() else np.inf
 
 
 def _axes(width: float, height: float) -> Axes:
@@ -83,9 +103,11 @@ def _drawing() -> Iterator[None]:
 
 def _scale(axes: Axes, values: Array, series: Sequence[Series], target: float | None) -> float:
     """Choose the limits of the value axis, logarithmic for a wide range; returns the lowest value that can be shown."""
-    values = np.append(values, target) if target is not None else values
+    end = beyond(series, target)
+    values = np.minimum(np.append(values, target), end) if target is not None else values
     highest = float(values.max())
     band = float(_finite(np.concatenate([values, *(s.high for s in series)])).max())
+    band = min(band, end)
     top = min(band, 3 * highest) if highest > 0 else band  # a band may reach anywhere; the lines are what is compared
     positive = values[values > 0]
     if positive.size and highest > LOG_FROM * np.quantile(positive, 0.02):

@@ -1,5 +1,6 @@
-"""What a result set shows, in three sentences that are never stronger than the intervals."""
+"""What a result set shows, in a few sentences that are never stronger than the intervals."""
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -11,6 +12,7 @@ from reports.views import CaseView, CellView, Key
 from suite.bounds import BEST_FIT, CONDITIONAL, KNOWN_MODES, NONE, POSTERIOR
 from suite.case import RECORDED
 from suite.case_bounds import BlockBound
+from suite.diagnosis import SURE
 from suite.linalg import Array
 from suite.metrics import METRICS
 from suite.score import BEST
@@ -27,7 +29,7 @@ BOUND_NAMES = {
 
 
 def headline(cases: Sequence[CaseView]) -> list[str]:
-    """Three sentences: accuracy, runs that went wrong, cost. Fewer when nothing is stored."""
+    """What is to be said of accuracy, of runs and estimators that went wrong, and of cost. Less when nothing is stored."""
     if not any(cell.scores or cell.total for case in cases for cell in case.cells.values()):
         return ["No run is stored in this results folder, so there is nothing to compare yet."]
     return [_accuracy(cases), _robustness(cases), _cost(cases)]
@@ -74,12 +76,18 @@ def _clause(case: CaseView, key: Key, superlative: str, thing: str) -> str:
         )
     if not leaders:
         alone = all(c.scores[key].runs == 1 for c in scored)
-        why = "there is one run each" if alone else "no estimator completed all runs"
+        why = "there is one run each" if alone else "no estimator completed all runs without a fault"
         why = "all runs are of the same recording" if case.card.origin == RECORDED else why
         return f"{where} nobody can be ranked by {thing}, since {why}"
     names = listed([c.label for c in leaders], NAMES_IN_A_LIST)
     verb = "has" if len(leaders) == 1 else "tie for"
-    return f"{where} {names} {verb} {superlative} {thing} ({_value(leaders, key)})"
+    return f"{where} {names} {verb} {superlative} {thing} ({_value(leaders, key)}){_left_out(case.ahead(key))}"
+
+
+def _left_out(cells: Sequence[CellView]) -> str:
+    """Names the estimators with better values that compete for no place, and why."""
+    named = [f"{cell.label} ({listed([r.kind for r in cell.remarks if r.bars])})" for cell in cells]
+    return f", leaving out {listed(named, NAMES_IN_A_LIST)}" if named else ""
 
 
 def _an(thing: str) -> str:
@@ -107,7 +115,9 @@ def _counted(keyed: Sequence[tuple[CaseView, Key]], thing: str) -> str:
     (first, _), *others = leads.most_common(3)
     rest = [f"{label} {words}" for (label, _), words in zip(others, told[1:], strict=True)]
     more = f"{count(len(leads) - 3, 'other estimator')} in fewer or as many" if len(leads) > 3 else ""
-    return f"By {thing}, {first} leads or ties for the lead {'; '.join(filter(None, [told[0], *rest, more]))}."
+    ahead = sum(bool(case.ahead(key)) for case, key in keyed)
+    left = f"in {count(ahead, 'case')} one that is not ranked, for its failures or faults, has a smaller value" if ahead else ""
+    return f"By {thing}, {first} leads or ties for the lead {'; '.join(filter(None, [told[0], *rest, more, left]))}."
 
 
 def _robustness(cases: Sequence[CaseView]) -> str:
@@ -126,7 +136,21 @@ def _robustness(cases: Sequence[CaseView]) -> str:
     tail = (
         f"; {count(refused, 'combination')} of estimator and case {'is' if refused == 1 else 'are'} refused" if refused else ""
     )
-    return f"Of {count(total, 'run')}, {failed}{strayed}{tail}." if total else f"No run could be counted{tail}."
+    said = f"Of {count(total, 'run')}, {failed}{strayed}{tail}." if total else f"No run could be counted{tail}."
+    return said + _faults([cell for _, cell in cells])
+
+
+def _faults(cells: Sequence[CellView]) -> str:
+    """How many estimators are kept from being called best by what their numbers say of them; failures are told elsewhere."""
+    found = [{r.kind for r in cell.remarks if r.bars} - {"failed", "lost", "diverges"} for cell in cells]
+    faulty, ran = sum(map(bool, found)), sum(cell.ran for cell in cells)
+    if not faulty:
+        return ""
+    kinds = listed([f"{kind} in {n}" for kind, n in Counter(itertools.chain(*map(sorted, found))).most_common()])
+    return (
+        f" In {faulty} of {count(ran, 'combination')} that ran, scores show a fault of the estimator ({kinds}; "
+        f"of right ones each kind shows in less than one of {1 / SURE:.0f})."
+    )
 
 
 def diverged(cell: CellView) -> int:
@@ -139,6 +163,23 @@ def bound_name(bound: BlockBound) -> str:
     """What a bound is called; one that comes with a reason holds for other truths, or for a part of them."""
     loose = bound.reason and bound.kind in (POSTERIOR, KNOWN_MODES)
     return BOUND_NAMES[bound.kind] + (" (no strict bound here)" if loose else "")
+
+
+def strict(bounds: Sequence[BlockBound]) -> bool:
+    """Whether the first bound of a case, against which errors are held, holds for every estimator."""
+    return bool(bounds) and bounds[0].kind in (POSTERIOR, KNOWN_MODES) and not bounds[0].reason
+
+
+def against_bound(bounds: Sequence[BlockBound]) -> str:
+    """How to read errors over the first bound of a case."""
+    if not bounds:
+        return "No bound is stored for this case."
+    if bounds[0].kind == NONE:
+        return f"There is no bound: {bounds[0].reason}."
+    name = f"Errors are held against the {bound_name(bounds[0])}."
+    if strict(bounds):
+        return f"{name} In the long run none are smaller; a ratio whose interval lies below 1 is flagged."
+    return f"{name} Ratios below 1 mean nothing here{': ' if bounds[0].reason else ''}{bounds[0].reason}."
 
 
 def bounded(bounds: Sequence[tuple[BlockBound, Array, Array]]) -> str:

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from suite.case import RECORDED
 from suite.linalg import Array
-from suite.metrics import METRICS, Metric, counted
+from suite.metrics import Metric, counted
+from suite.metrics.consistency import chi_square_band
 from suite.results import CaseResults, Cell
 from suite.statistics import mean_over_time, means
 
@@ -32,6 +34,19 @@ class Series:
     def hidden(self) -> int:
         """Steps whose value is infinite, or is missing: a line cannot show them."""
         return int((~np.isfinite(self.value)).sum())
+
+
+@dataclass(frozen=True)
+class Band:
+    """Where chance alone puts the average over runs of a normalised square: low[T], high[T].
+
+    NaN where runs differ in dimension; runs and dimension are the most of any step.
+    """
+
+    low: Array
+    high: Array
+    runs: int
+    dimension: int
 
 
 @dataclass(frozen=True)
@@ -99,19 +114,27 @@ def tracks(case: CaseResults, labels: Sequence[str]) -> Tracks | None:
     return Tracks(run, first.label, truth, estimates, missing)
 
 
-def errors(case: CaseResults, labels: Sequence[str]) -> dict[str, list[Series]]:
-    """Root mean square error over time of each block of the state."""
-    return over_time(case, METRICS["rmse"], labels)
+def band(case: CaseResults, metric: Metric, labels: Sequence[str]) -> Band | None:
+    """The band of NEES or NIS for the first of the estimators with the most runs; None without any.
 
-
-def consistency(case: CaseResults, labels: Sequence[str]) -> list[Series]:
-    """Normalised estimation error squared over time."""
-    return over_time(case, METRICS["nees"], labels).get("state", [])
-
-
-def modes(case: CaseResults, labels: Sequence[str]) -> list[Series]:
-    """Brier score of the mode probabilities over time; none on a case of a single mode."""
-    return over_time(case, METRICS["brier"], labels).get("modes", [])
+    Runs of a recording are of the same data: for chance they are one.
+    """
+    cells = [case.cells[label] for label in labels if label in case.cells and case.cells[label].contributions(metric)]
+    if not cells:
+        return None
+    cell = max(cells, key=lambda c: c.counts["ok"])
+    (values,) = cell.contributions(metric).values()
+    known = ~np.isnan(values)
+    if not known.any():
+        return None
+    assert cell.evidence is not None
+    innovation = cell.estimate.innovation
+    components = cell.evidence.dimension if metric.name == "nees" or innovation is None else (~np.isnan(innovation)).sum(1)
+    least, most = np.where(known, components, np.inf).min(1), np.where(known, components, -np.inf).max(1)
+    runs = known.sum(1)
+    runs = np.minimum(runs, 1) if case.card.origin == RECORDED else runs
+    low, high = chi_square_band(np.where(least == most, most, np.nan), runs)
+    return Band(low, high, int(runs.max()), int(most.max()))
 
 
 def sampled(steps: int, most: int = 60) -> list[int]:

@@ -50,6 +50,7 @@ def _cleaned(text: str, name: str, title: str, description: str) -> str:
     for stand_in, variable in _VARIABLES.items():
         text = text.replace(stand_in, variable)
     text = re.sub(r'id="series-(\d+)[^"]*"', r'class="series" data-series="\1"', text)
+    text = text.replace('id="chance"', 'class="chance"')
     used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', text))
     text = re.sub(r' id="([^"]*)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", text)
     text = re.sub(r'(url\(#|href="#)([^")]+)', rf"\1{name}-\2", text)

@@ -9,19 +9,22 @@ from typing import Any
 import numpy as np
 
 from reports.text import Quantity, quantity
+from suite.case import RECORDED
+from suite.diagnosis import Remark, remarks
 from suite.metrics import METRICS, SURVIVING, Metric, Score
 from suite.plan import TIMING
 from suite.results import CaseResults, Cell
-from suite.score import all_survived, scores, standings, status
+from suite.score import BEST, ROUNDING, TIED, all_survived, loss, scores, standings, status
 from suite.statistics import LEVEL
 
 Key = tuple[str, str]
 """A metric and a block."""
 AS_PAPERS_DO = ("mean-error", "absolute-error", "maximum-error", "mse", "pooled-rmse", "run-rmse", "run-rmse-sd")
-SHOWN = [metric for name, metric in METRICS.items() if name not in AS_PAPERS_DO]
-"""Metrics of the pages' tables; the others measure as one paper or the other does, and serve to compare with it."""
+DETAILS = ("pit",)
+SHOWN = [metric for name, metric in METRICS.items() if name not in (*AS_PAPERS_DO, *DETAILS)]
+"""Metrics of the pages' tables; the others measure as one paper or the other does, or each component of the state apart."""
 WITHOUT_TRUTH = ("nis", "whiteness", "loglik")
-"""Metrics that are shown only where no error can be held against its covariance: the truth is not known, or not wholly."""
+"""Metrics of consistency that need no truth."""
 PERCENT = f"{100 * LEVEL:g} %"
 
 
@@ -39,6 +42,17 @@ class CellView:
     standing: dict[Key, str] = field(default_factory=dict)
     failures: tuple[tuple[str, str, tuple[str, ...]], ...] = ()
     meta: dict[str, Any] = field(default_factory=dict)
+    remarks: tuple[Remark, ...] = ()
+
+    def competes(self, metric: Metric) -> bool:
+        """Whether it may be called best by a metric: all runs came through and, but for running times, no remark bars it."""
+        barred = not metric.timed and any(remark.bars for remark in self.remarks)
+        return not (self.lost or self.failed or barred)
+
+    @property
+    def ran(self) -> bool:
+        """Whether there is anything of it: it was neither refused nor left out, and did not fail before any run."""
+        return self.status not in ("refused", "not run") and not (self.status == "failed" and not self.total)
 
     @property
     def came_through(self) -> int:
@@ -64,6 +78,10 @@ class CellView:
     def timing_failure(self) -> str:
         """Why there are no running times, when timing it failed."""
         return next((reason for kind, reason, _ in self.failures if kind == TIMING), "")
+
+    def mark(self, key: Key) -> str:
+        """Its standing by a metric in a word: best, tie, or none."""
+        return {BEST: "best", TIED: "tie"}.get(self.standing.get(key, ""), "")
 
     def quantity(self, key: Key) -> Quantity:
         """A score in words."""
@@ -93,9 +111,29 @@ class CaseView:
         """The cell that is best, or those that tie for it."""
         return [c for c in self.cells.values() if c.standing.get(key)]
 
+    def ahead(self, key: Key) -> list[CellView]:
+        """The cells that compete for no place and have better values than all that do, the best first.
+
+        None where nobody is ranked anyway.
+        """
+        metric, scored = METRICS[key[0]], self.with_score(key)
+        one_sample = self.card.origin == RECORDED and not metric.timed
+        if not metric.ranked or one_sample or key[1].endswith(SURVIVING) or len(scored) < 2:
+            return []
+        losses = {c.label: float(loss(metric, np.asarray(c.scores[key].value))) for c in scored if c.scores[key].runs > 1}
+        best = min((losses[c.label] for c in scored if c.label in losses and c.competes(metric)), default=math.inf)
+        outside = [c for c in scored if not c.competes(metric) and losses.get(c.label, math.inf) < best - ROUNDING]
+        return sorted(outside, key=lambda c: losses[c.label])
+
 
 def private(case: CaseResults) -> CaseResults:
-    """A copy whose cells forget what they read when the copy goes: estimates of long cases are large."""
+    """A copy whose cells, and those of its calm twin, forget what they read when the copy goes: estimates are large."""
+    copy = _copied(case)
+    copy.calm = _copied(case.calm) if case.calm else None
+    return copy
+
+
+def _copied(case: CaseResults) -> CaseResults:
     copy = dataclasses.replace(case, cells={})
     copy.cells = {label: dataclasses.replace(cell, case=copy) for label, cell in case.cells.items()}
     return copy
@@ -122,8 +160,6 @@ def _keys(case: CaseResults, cells: dict[str, CellView]) -> tuple[Key, ...]:
     found = {key for cell in cells.values() for key, score in cell.scores.items() if not math.isnan(score.value)}
     if all_survived({(c.label, *key): score.runs for c in cells.values() for key, score in c.scores.items()}):
         found = {key for key in found if not key[1].endswith(SURVIVING)}
-    if any(metric == "nees" for metric, _ in found):
-        found = {key for key in found if key[0] not in WITHOUT_TRUTH}
     place = {block.name: i for i, block in enumerate(case.card.blocks)}
     order = list(METRICS)
     return tuple(sorted(found, key=lambda k: (order.index(k[0]), place.get(k[1], len(place)), k[1])))
@@ -147,6 +183,7 @@ def _cell(cell: Cell | None, label: str) -> CellView:
         {},
         failures,
         cell.meta,
+        tuple(remarks(cell)),
     )
 
 
@@ -154,7 +191,7 @@ def _scores(cell: Cell, metrics: Any) -> dict[Key, Score]:
     return {(metric.name, block): score for metric in metrics for block, score in scores(cell, metric).items()}
 
 
-def loss(metric: Metric, value: float, best: float) -> float:
+def times_worse(metric: Metric, value: float, best: float) -> float:
     """How many times a value is worse than the best one; for a metric with a target, how many times it misses it."""
     if not isinstance(metric.better, str):
         return max(value / metric.better, metric.better / value) if value > 0 else math.inf

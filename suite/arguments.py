@@ -7,6 +7,7 @@ from typing import NoReturn
 
 from suite.errors import BadInput
 from suite.plan import PROFILES
+from suite.state_tests import TRUTH
 
 PATTERN = "glob pattern; give the option several times for several"
 
@@ -23,11 +24,16 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         ("check", "hold estimators against the rules that all of them keep", _check),
         ("run", "run estimators on cases and store what comes out", _run),
         ("score", "compute metrics from stored results", _score),
+        ("compare", "compare estimators with a reference on the runs that both have", _compare),
+        ("detect", "show what detectors of manoeuvres do at thresholds set on runs without any", _detect),
         ("verify", "hold stored results against published figures and the verdicts recorded on them", _verify),
         ("report", "render stored results as a static HTML site", _report),
     ):
         add(commands.add_parser(name, help=words, description=words, allow_abbrev=False))
-    return parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    if options.command == "compare":
+        _fit_together(options)
+    return options
 
 
 class _Parser(argparse.ArgumentParser):
@@ -76,6 +82,40 @@ def _score(parser: argparse.ArgumentParser) -> None:
     _several(parser, "-m", "--metric", "metrics")
     _stored(parser)
     parser.add_argument("--format", choices=("table", "csv", "json"), default="table", help="how to print (default: table)")
+    words = "JSON files of pytest-benchmark, whose times are shown below the scores"
+    parser.add_argument("--benchmarks", action="extend", nargs="+", default=[], metavar="FILE", help=words)
+
+
+def _compare(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("reference", metavar="REFERENCE", help="stored estimator to compare with, brackets included; with --states also truth")
+    _selection(parser)
+    _several(parser, "-m", "--metric", "metrics", "rmse")
+    words = "differences within this do not matter: of the value, or of one unit where a value may be negative (default: 5%%)"
+    add("--zone", type=_percentage, default="5%", metavar="P%", help=words)
+    words = "test the states themselves, component by component and region, as the multistatic paper does"
+    add("--states", action="store_true", help=words)
+    add("--run", type=_integer(0), metavar="R", help="run whose states are tested over its steps (default: the first)")
+    _stored(parser)
+    add("--format", choices=("table", "csv", "json"), default="table", help="how to print (default: table)")
+
+
+def _detect(parser: argparse.ArgumentParser) -> None:
+    _selection(parser)
+    words = "probability of an alarm in a run without manoeuvres (default: of 0.01 to 0.5 what the runs are enough for)"
+    parser.add_argument("--level", type=_probability, nargs="+", action="extend", default=[], metavar="L", help=words)
+    _stored(parser)
+    parser.add_argument("--format", choices=("table", "csv", "json"), default="table", help="how to print (default: table)")
+
+
+def _fit_together(options: argparse.Namespace) -> None:
+    """Raise BadInput where options of `compare` contradict each other."""
+    if options.states and options.metric:
+        raise BadInput("--states tests the states themselves, by no metric; drop one of --states and --metric")
+    if options.run is not None and not options.states:
+        raise BadInput("--run names the run whose states are tested; add --states")
+    if options.reference == TRUTH and not options.states:
+        raise BadInput(f"only states are held against the {TRUTH}; add --states, or name a stored estimator")
 
 
 def _verify(parser: argparse.ArgumentParser) -> None:
@@ -119,6 +159,26 @@ def _integer(low: int) -> Callable[[str], int]:
         return value
 
     return parse_integer
+
+
+def _percentage(text: str) -> float:
+    try:
+        value = float(text.removesuffix("%")) / 100 if text.endswith("%") else float("nan")
+    except ValueError:
+        value = float("nan")
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"must be a percentage between 0% and 100%, such as 5%, got {text!r}")
+    return value
+
+
+def _probability(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"must be between 0 and 1, got {text!r}")
+    return value
 
 
 def _seconds(text: str) -> float:

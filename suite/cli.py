@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import io
+import itertools
 import os
 import shlex
 import sys
@@ -13,9 +14,10 @@ from typing import Any
 
 import cases
 from estimators import ESTIMATORS
-from suite import parameters, plan, recording, results, sampling, score, verdicts
+from suite import benchmarks, operating, parameters, plan, recording, results, sampling, score, verdicts
 from suite.arguments import parse
 from suite.case import Case
+from suite.compare import compare
 from suite.errors import BadInput, near
 from suite.estimator import Estimator
 from suite.examination import examine, summary
@@ -25,8 +27,19 @@ from suite.problems import PROBLEMS
 from suite.progress import Progress
 from suite.registry import Catalog, catalog
 from suite.run import Outcome, execute
+from suite.state_tests import TRUTH, state_tests
 from suite.store import Store
-from suite.tables import describe, print_scores, print_table, print_verdicts
+from suite.tables import (
+    describe,
+    frame_of,
+    print_comparisons,
+    print_frame,
+    print_operating_points,
+    print_scores,
+    print_state_tests,
+    print_table,
+    print_verdicts,
+)
 from suite.trial import measured
 from suite.worker import Context
 
@@ -49,7 +62,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a name that the terminal's encoding lacks is shown escaped
             stream.reconfigure(errors="backslashreplace")
-    commands = {"list": _list, "check": _check, "run": _run, "score": _score, "verify": _verify, "report": _report}
+    commands = {
+        "list": _list,
+        "check": _check,
+        "run": _run,
+        "score": _score,
+        "compare": _compare,
+        "detect": _detect,
+        "verify": _verify,
+        "report": _report,
+    }
     try:
         options = parse(arguments)
         options.command_line = shlex.join(["filterbench", *arguments])
@@ -175,12 +197,39 @@ def _score(options: argparse.Namespace) -> int:
     frame = score.table(
         loaded, metrics, _matching("case", loaded.cases, options.case), _matching("estimator", loaded.labels, options.estimator)
     )
-    if options.format == "csv":
-        frame.to_csv(sys.stdout, index=False)
-    elif options.format == "json":
-        print(score.to_json(frame))
+    timed = benchmarks.select(options.benchmarks, options.case, options.estimator, options.metric)
+    whole = benchmarks.joined(frame, timed) if options.benchmarks else frame
+    print_frame(whole, options.format, lambda _: print_scores(frame))
+    if options.format == "table":
+        benchmarks.show(timed)
+    return TROUBLE if loaded.damages else DONE
+
+
+def _compare(options: argparse.Namespace) -> int:
+    loaded, reference = _load(options), options.reference
+    chosen = [loaded.cases[name] for name in _matching("case", loaded.cases, options.case)]
+    labels = _matching("estimator", loaded.labels, options.estimator)
+    if reference not in [*loaded.labels, TRUTH]:
+        raise BadInput(f"no stored estimator is {reference!r}; {near(reference, loaded.labels)}")
+    found: list[Any]
+    show: Any
+    if options.states:
+        show, pairs = print_state_tests, itertools.product(chosen, labels)
+        found = [test for case, label in pairs for test in state_tests(case, label, reference, options.run)]
     else:
-        print_scores(frame)
+        show, metrics = print_comparisons, METRICS.select(options.metric or ["rmse"])
+        found = [c for metric in metrics for c in compare(chosen, metric, reference, labels, options.zone)]
+    if not found:
+        raise BadInput(f"{reference} has no run to compare with any other; run both on the same case")
+    print_frame(frame_of(found), options.format, lambda _: show(found))
+    return TROUBLE if loaded.damages else DONE
+
+
+def _detect(options: argparse.Namespace) -> int:
+    loaded = _load(options)
+    chosen = [loaded.cases[name] for name in _matching("case", loaded.cases, options.case)]
+    frame = operating.table(chosen, _matching("estimator", loaded.labels, options.estimator), options.level)
+    print_frame(frame, options.format, print_operating_points)
     return TROUBLE if loaded.damages else DONE
 
 

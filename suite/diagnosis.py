@@ -1,18 +1,23 @@
 """What is wrong with an estimator on a case, as far as its scores can tell: in words, and only where they are sure of it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from suite.bounds import KNOWN_MODES, POSTERIOR
 from suite.case import FROM_MODEL, RECORDED
+from suite.linalg import Array
 from suite.metrics import METRICS, SURVIVING, Score, counted
 from suite.results import Cell
 from suite.statistics import Resampled, below_zero
 
+Scale = Callable[[Array], Array]
 SURE = 1e-3
-"""Probability at most of a remark by chance, of each kind on each estimator and case."""
+"""Probability at most of a remark by chance, of each kind on each estimator and case that give no cause for it.
+
+At the very limit of a cause it is a few times that, where runs are few and their errors very skew.
+"""
 CREDIBLE = 1.5
 """Mean squared errors so many times larger or smaller than the covariance says are named; a little they always differ."""
 LATE = 0.5
@@ -64,7 +69,7 @@ def _too_good(cell: Cell) -> Iterator[Remark]:
 
 
 def _misled(cell: Cell) -> Iterator[Remark]:
-    for block, score in _below(cell, "skill", 0.0):
+    for block, score in _beyond(cell, "skill", 0.0, -1, _log_of_unexplained):
         words = f"errors of {block} larger than without any measurement (skill {_text(score)})"
         yield Remark("misled", words, True)
         return
@@ -81,36 +86,53 @@ def _incredible(cell: Cell) -> Iterator[Remark]:
 
 
 def _late(cell: Cell) -> Iterator[Remark]:
-    for block, score in _above(cell, "lag", LATE):
+    for block, score in _beyond(cell, "lag", LATE, -1, np.positive):
         words = f"estimates of {block} {_text(score)} steps behind the truth"
         yield Remark("late", words, cell.case.card.origin == FROM_MODEL)
         return
 
 
 def _above(cell: Cell, name: str, limit: float) -> Iterator[tuple[str, Score]]:
-    """Blocks whose score of a metric is surely above a limit."""
-    return _beyond(cell, name, limit, -1)
+    """Blocks whose score of a metric that is never negative is surely above a limit."""
+    return _beyond(cell, name, limit, -1, np.log)
 
 
 def _below(cell: Cell, name: str, limit: float) -> Iterator[tuple[str, Score]]:
-    """Blocks whose score of a metric is surely below a limit."""
-    return _beyond(cell, name, limit, 1)
+    """Blocks whose score of a metric that is never negative is surely below a limit."""
+    return _beyond(cell, name, limit, 1, np.log)
 
 
-def _beyond(cell: Cell, name: str, limit: float, side: int) -> Iterator[tuple[str, Score]]:
-    """Blocks whose score is surely below a limit (side 1) or above (side -1); of a recording, a single sample, none is."""
-    metric = METRICS[name]
-    found = {block: score for block, score in cell.scores(metric).items() if score.runs > 1 and SURVIVING not in block}
+def _beyond(cell: Cell, name: str, limit: float, side: int, scale: Scale) -> Iterator[tuple[str, Score]]:
+    """Blocks whose score is, on a scale, surely beyond a limit, see `gap`; of a recording, a single sample, none is."""
     if cell.case.card.origin == RECORDED:
         return
+    metric = METRICS[name]
+    found = {block: score for block, score in cell.scores(metric).items() if score.runs > 1 and SURVIVING not in block}
     for block, score in found.items():
         values = cell.contributions(metric)[block]
-        sample = metric.resampled(values[..., counted(values)])
-        scaled = sample if metric.signed else sample.map(np.log)
-        limited = limit if metric.signed else np.log(limit)
-        distance = Resampled(side * (scaled.value - limited), side * (scaled.left_out - limited))
-        if (np.isinf(score.value) and side < 0) or below_zero(distance)[0] < SURE / len(found):
+        distance = gap(metric.resampled(values[..., counted(values)]), limit, side, scale)
+        endless = scale is np.log and score.value == (0 if side > 0 else np.inf)
+        if endless or below_zero(distance)[0] < SURE / len(found):
             yield block, score
+
+
+def gap(sample: Resampled, limit: float, side: int, scale: Scale) -> Resampled:
+    """How far a score is below a limit (side 1) or above it (side -1) on a scale: negative there, with its scatter.
+
+    Of a logarithm below the limit the relative shortfall counts, which is less: few runs of a skew law mostly lack the rare
+    large ones, and then their mean and its scatter are small together.
+    """
+    distance = sample.map(lambda value: side * (scale(value) - scale(np.array([limit]))))
+    if side < 0 or scale is not np.log:
+        return distance
+    centre, _ = distance.centre_and_error()
+    shift = np.expm1(centre) - centre
+    return Resampled(distance.value + shift, distance.left_out + shift[:, None])
+
+
+def _log_of_unexplained(skill: Array) -> Array:
+    """Logarithm of the ratio of two mean squares, one minus which is the skill: scatter is in proportion to their sizes."""
+    return np.log1p(-skill)
 
 
 def _text(score: Score) -> str:

@@ -1,6 +1,7 @@
 """When a run has lost its target, by the definition of its case."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from suite.case import Card, Truth
 from suite.estimator import LOST, Estimate
@@ -15,8 +16,9 @@ def onset(case: Card, truth: Truth, estimate: Estimate) -> Array:
     """
     rule = case.divergence
     components = list(case.block(rule.block).components)
-    known = np.isfinite(truth.x[:, components].sum(1))
-    error = np.sqrt(((estimate.mean - truth.x)[:, components] ** 2).sum(1))
+    known = np.asarray(np.isfinite(truth.x[:, components]).all(1))
+    with np.errstate(over="ignore", invalid="ignore"):  # of errors of any size
+        error = np.sqrt(((estimate.mean - truth.x)[:, components] ** 2).sum(1))
     lost = np.array([status == LOST for status in estimate.status], bool)
     gone = np.isnan(estimate.mean).any(1) & lost
     first = np.where(gone.any(0), gone.argmax(0) + 1.0, np.where(lost, len(gone), np.inf))
@@ -24,12 +26,11 @@ def onset(case: Card, truth: Truth, estimate: Estimate) -> Array:
     return np.where(known.any(0), found, np.nan)
 
 
-def streak(flags: Array, counted: Array, length: int) -> Array:
+def streak(flags: NDArray[np.bool_], counted: NDArray[np.bool_], length: int) -> Array:
     """Step [R] at which the first run of `length` true values of flags[T, R] begins, of those counted[T, R]; else infinity."""
-    current = begin = np.zeros(flags.shape[1])
-    found = np.full(flags.shape[1], np.inf)
-    for k, (row, counts) in enumerate(zip(flags, counted, strict=True), start=1):
-        begin = np.where(counts & (current == 0), k, begin)
-        current = np.where(counts, np.where(row, current + 1, 0), current)
-        found = np.where(np.isinf(found) & counts & row & (current >= length), begin, found)
-    return found
+    total = np.cumsum(flags & counted, axis=0)
+    broken = np.maximum.accumulate(np.where(counted & ~flags, total, 0), axis=0)
+    enough = np.asarray(total - broken >= length)
+    reached = np.take_along_axis(total, enough.argmax(0)[None], axis=0)
+    begin = (total > reached - length).argmax(0) + 1.0
+    return np.where(enough.any(0), begin, np.inf)

@@ -10,6 +10,7 @@ import numpy as np
 from suite import parameters, provenance
 from suite.case import Truth
 from suite.case_bounds import BlockBound
+from suite.errors import BadInput
 from suite.estimator import FAILED, OK, TRACES, VECTORS, told, unavailable
 from suite.linalg import Array
 from suite.plan import BOUND, TIMING, TRUTH, WorkBlock
@@ -94,6 +95,8 @@ class Recorder:
             "step": np.tile(np.arange(1, steps + 1, dtype=np.int32), calls),
             "seconds": np.ascontiguousarray(timing.seconds.T).ravel(),
             "batch": np.repeat(np.asarray(timing.batch, np.int32), steps),
+            "memory": None if timing.memory is None else np.repeat(timing.memory, steps),
+            "logliks": None if timing.logliks is None else vectors(np.repeat(timing.logliks, steps, axis=0)),
             "status": constant(timing.status, rows),
             "reason": constant(timing.reason, rows),
         }
@@ -122,6 +125,8 @@ class Recorder:
         self._write(block, {**keys, **columns}, steps * block.count, meta)
 
     def _write(self, block: WorkBlock, columns: Mapping[str, Any], rows: int, meta: Mapping[str, Any]) -> None:
+        if block.seed > np.iinfo(np.int64).max:
+            raise BadInput(f"seed {block.seed} does not fit into the store; give one below 2^63")
         identity = {
             "kind": block.kind,
             "case": self.catalog.cases[block.case].to_dict(),
@@ -136,7 +141,12 @@ class Recorder:
             "versions": provenance.versions(),
             "host": provenance.host(),
         }
-        named = {"case": constant(block.case, rows), "kind": constant(block.kind, rows)}
+        named = {
+            "case": constant(block.case, rows),
+            "kind": constant(block.kind, rows),
+            "seed": np.full(rows, block.seed, np.int64),
+            "version": constant(block.version, rows),
+        }
         if block.estimator:
             named["estimator"] = constant(block.estimator, rows)
         Store(self.results).write(block.address, {**identity, **meta}, {**named, **columns}, rows)

@@ -14,6 +14,7 @@ from suite.errors import BadInput
 from suite.estimator import TRACES, VECTORS, Estimate, alike, join
 from suite.linalg import Array
 from suite.metrics import Evidence, Metric, Score
+from suite.metrics.cost import Calls
 from suite.metrics.metric import Contributions
 from suite.plan import BOUND, ESTIMATE, REFUSAL, TIMING, TRUTH
 from suite.store import Damage, Entry, Store, read
@@ -55,7 +56,7 @@ class Cell:
 
     @functools.cached_property
     def timing(self) -> Estimate | None:
-        """The timed calls as an estimate that has seconds[K, calls] only; None when there are none."""
+        """The timed calls, as an estimate that holds no states; None when there are none."""
         return _read_timing(self.timings[-1]) if self.timings else None
 
     @property
@@ -265,18 +266,20 @@ def _read_bounds(entry: Entry, card: Card) -> list[BlockBound]:
     return [BlockBound(s["kind"], s["reason"], *parts) for s, *parts in zip(said, value, error, cov, strict=True)]
 
 
-def _read_timing(entry: Entry) -> Estimate:
-    columns = read(entry.path, ["run", "seconds", "batch", "status", "reason"])
+def _read_timing(entry: Entry) -> Calls:
+    columns = read(entry.path, ["run", "seconds", "batch", "memory", "logliks", "status", "reason"])
     calls = int(columns["run"].max()) + 1
     steps = len(columns["run"]) // calls
     nothing = np.full((steps, 1, calls), np.nan)
-    return Estimate(
+    more = {name: columns[name] if columns[name] is None else columns[name][::steps] for name in ("memory", "logliks")}
+    return Calls(
         nothing,
         nothing[:, None],
         seconds=columns["seconds"].reshape(calls, steps).T,
         batch=list(columns["batch"][::steps]),
         status=columns["status"][::steps],
         reason=columns["reason"][::steps],
+        **more,
     )
 
 

@@ -98,21 +98,20 @@ class _Candidate:
     contributions: Array
     runs: tuple[int, ...]
 
-    def loss(self, metric: Metric, runs: Sequence[int]) -> Resampled:
-        """The loss over some of its runs."""
+    def over(self, metric: Metric, runs: Sequence[int]) -> Resampled:
+        """The metric over some of its runs."""
         whole = tuple(runs) == self.runs
-        chosen = self.contributions if whole else self.contributions[..., [self.runs.index(r) for r in runs]]
-        return metric.resampled(chosen).map(lambda value: loss(metric, value))
+        return metric.resampled(self.contributions if whole else self.contributions[..., [self.runs.index(r) for r in runs]])
 
 
 def _standing(case: CaseResults, block: str, metric: Metric, barred: Collection[str]) -> dict[str, str]:
     """Best: every other estimator is worse beyond chance. Tied: the runs cannot tell which of the marked ones is best.
 
-    The marked ones hold the best with 95 % confidence: each of the others is worse than one of them by a one-sided paired
-    test at 5 % divided by the number of rivals. An estimator with a failed or lost run, or with a remark that bars it,
+    The marked ones hold the best with 95 % confidence: each of the others is worse than one of them by a two-sided paired
+    test at 5 % divided by the number of rivals. Two-sided, so that a single best one among several that are in truth equal
+    is found in no more than 5 of 100 cases either. An estimator with a failed or lost run, or with a remark that bars it,
     competes for no place, and one without a rival is not best of anything. Nor is any on a recording, whose runs are all of
-    the same data, or among the runs that survived, since those are not the same for all. Scores are turned into losses,
-    see `loss`.
+    the same data, or among the runs that survived, since those are not the same for all.
     """
     if (case.card.origin == RECORDED and not metric.timed) or block.endswith(f", {SURVIVING}"):
         return {}
@@ -128,37 +127,54 @@ def _standing(case: CaseResults, block: str, metric: Metric, barred: Collection[
             candidates.append(_Candidate(label, values[..., known], tuple(numbers[known].tolist())))
     if not candidates or len(scored) < 2:
         return {}
-    level = (1 - LEVEL) / max(len(candidates) - 1, 1)
+    level = (1 - LEVEL) / 2 / max(len(candidates) - 1, 1)
     cache: dict[tuple[str, tuple[int, ...]], Resampled] = {}
+
+    def over(one: _Candidate, runs: tuple[int, ...]) -> Resampled:
+        if (one.label, runs) not in cache:
+            cache[one.label, runs] = one.over(metric, runs)
+        return cache[one.label, runs]
 
     def beaten(one: _Candidate, other: _Candidate) -> bool:
         common = one.runs if one.runs == other.runs else tuple(sorted(set(one.runs) & set(other.runs)))
-        if len(common) < 2:
-            return False
-        for each in (one, other):
-            if (each.label, common) not in cache:
-                cache[each.label, common] = each.loss(metric, common)
-        mine, theirs = cache[one.label, common], cache[other.label, common]
-        if not np.isfinite(theirs.value[0]):  # an error of exactly zero
-            return bool(mine.value[0] > theirs.value[0])
-        difference = theirs - mine
-        return bool(difference.centre_and_error()[0][0] < -ROUNDING and below_zero(difference)[0] < level)
+        return len(common) > 1 and _worse(metric, over(one, common), over(other, common), level)
 
     best = [one.label for one in candidates if not any(beaten(one, other) for other in candidates if other is not one)]
     return dict.fromkeys(best, TIED) if len(best) > 1 else dict.fromkeys(best, BEST)
 
 
+def _worse(metric: Metric, mine: Resampled, theirs: Resampled, level: float) -> bool:
+    """Whether a score is worse than another of the same runs, beyond chance at this one-sided level.
+
+    What misses a target by more than another does is beyond that other and beyond its mirror image about the target. Sizes of
+    misses are not compared: they have a corner where the jackknife fails, at scores that hit the target.
+    """
+    ratio = all((part > 0).all() for sample in (mine, theirs) for part in (sample.value, sample.left_out))
+    mine, theirs = (sample.map(lambda value: _miss(metric, value, ratio)) for sample in (mine, theirs))
+    gaps = [theirs - mine]
+    if not isinstance(metric.better, str):
+        mirror = Resampled(-theirs.value, -theirs.left_out)
+        gaps = [theirs - mine, mirror - mine] if mine.value[0] > 0 else [mine - theirs, mine - mirror]
+    return all(gap.centre_and_error()[0][0] < -ROUNDING and below_zero(gap)[0] < level for gap in gaps)
+
+
 def loss(metric: Metric, value: Array) -> Array:
-    """Smaller is better: the logarithm of the value, its negative, or how far it misses its target.
+    """Smaller is better: the logarithm of the value, its negative, or how far it misses its target."""
+    miss = _miss(metric, value)
+    return miss if isinstance(metric.better, str) else np.abs(miss)
+
+
+def _miss(metric: Metric, value: Array, ratio: bool = True) -> Array:
+    """What a value is above its target, or the value, or its negative where more is better.
 
     Ratios, not differences, of what is never negative: an average over runs that are wild now and then, or over a few timed
-    calls, is skew. A rate may be zero and stays as it is.
+    calls, is skew. A rate may be zero and stays as it is; so does what is zero without some run, when two are compared.
     """
+    scale = np.positive if metric.binomial or metric.signed or not ratio else np.log
     with np.errstate(all="ignore"):
-        scaled = value if metric.binomial or metric.signed else np.log(value)
         if isinstance(metric.better, str):
-            return scaled if metric.better == "lower" else -scaled
-        return np.abs(scaled - (metric.better if metric.signed else np.log(metric.better)))
+            return scale(value) if metric.better == "lower" else -scale(value)
+        return np.asarray(scale(value) - scale(metric.better))
 
 
 def to_json(frame: pandas.DataFrame) -> str:

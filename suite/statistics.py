@@ -4,11 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import betaincinv, stdtr, stdtrit
+from scipy.special import betaincinv, ndtri, stdtr, stdtrit
 
 from suite.linalg import Array
 
 LEVEL = 0.95
+ROUNDING = 1e-8
+"""Scatter of a share that counts as none."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,27 @@ def below_zero(sample: Resampled) -> Array:
         return np.where(centre == 0, 0.5, stdtr(sample.left_out.shape[1] - 1, t))
 
 
-def proportion(count: int, total: int, level: float = LEVEL) -> tuple[float, float]:
+def bounded(sample: Resampled, level: float = LEVEL) -> tuple[float, float]:
+    """Interval of a single statistic between 0 and 1, such as a share of steps, that stays within these.
+
+    The exact binomial one of as many trials as would give the statistic the standard error that it has over runs, fewer for
+    the few runs that tell of it (Korn and Graubard, 1998). At 0 and 1, where runs have no scatter, it is that of as many trials
+    as runs. NaN of a single run.
+    """
+    value, runs = float(sample.value[0]), sample.left_out.shape[1]
+    error = float(sample.centre_and_error()[1][0])
+    if runs < 2 or not np.isfinite(error):
+        return float("nan"), float("nan")
+    if value in (0.0, 1.0):
+        return proportion(value * runs, runs, level)
+    if error < ROUNDING:
+        return value, value
+    tail = (1 - level) / 2
+    trials = value * (1 - value) / error**2 * (ndtri(tail) / stdtrit(runs - 1, tail)) ** 2
+    return proportion(value * trials, trials, level)
+
+
+def proportion(count: float, total: float, level: float = LEVEL) -> tuple[float, float]:
     """Exact interval of a binomial proportion (Clopper and Pearson, 1934); NaN when there is nothing to count."""
     if total == 0:
         return float("nan"), float("nan")

@@ -35,6 +35,8 @@ SCHEMA = pa.schema(
         "case": _TEXT,
         "estimator": _TEXT,
         "kind": _TEXT,
+        "seed": pa.int64(),
+        "version": _TEXT,
         "run": pa.int32(),
         "step": pa.int32(),
         "truth": _VECTOR,
@@ -53,6 +55,8 @@ SCHEMA = pa.schema(
         "mode": _VECTOR,
         "seconds": pa.float64(),
         "batch": pa.int32(),
+        "memory": pa.float64(),
+        "logliks": _VECTOR,
         "status": _TEXT,
         "reason": _TEXT,
     }

@@ -1,9 +1,11 @@
 """One block of work: some runs of one estimator on one case. It never raises for an estimator's faults."""
 
 import functools
+import math
 import time
 import traceback
-from dataclasses import dataclass
+import tracemalloc
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,8 +20,12 @@ from suite.random import Streams
 FAULTS = (Exception, SystemExit, GeneratorExit)
 """What an estimator may raise and be charged with: all but an interrupt, which is the user's."""
 TIMED_STEPS, TIMED_RUNS, REPEATS = 50, 20, 5
-TIMED_SECONDS = 0.1
-"""About how long a timed call may take: slow estimators are timed over fewer steps."""
+SHORT = 3
+"""Steps of a call that warms up, or whose memory is measured; fewest of a timed one."""
+TIMED_SECONDS = 0.05
+"""About how long a timed call of many runs may take: slow estimators are timed over fewer steps."""
+TAIL_STEPS, TAIL_SECONDS = 368, 0.2
+"""Steps from which on the 99th percentile has an upper limit, see `suite.metrics.cost`; taken when they cost no more."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,7 @@ def _failed(case: Case, runs: int, reason: str) -> Estimate:
 
 
 def examined(estimate: object, case: Case, runs: int, elapsed: float) -> Estimate:
-    """The estimate, if its parts have the shapes they must have; runs that are not finite are marked as failed.
+    """The estimate, if its parts have the shapes they must have; runs whose numbers cannot be are marked as failed.
 
     Raises TypeError or ValueError that names the part otherwise.
     """
@@ -105,13 +111,19 @@ def examined(estimate: object, case: Case, runs: int, elapsed: float) -> Estimat
     if unknown:
         raise ValueError(f"status must be one of {OK}, {LOST}, {FAILED}, got {sorted(map(str, unknown))}")
     estimate.reason = [str(reason) for reason in estimate.reason]
+    seconds = np.asarray(estimate.seconds)[:, estimate.ok]
+    if not np.isfinite(seconds).all() or (seconds < 0).any():
+        raise ValueError("seconds are negative or not finite")
     mean, cov = estimate.mean, estimate.cov
     with np.errstate(all="ignore"):  # of numbers that are not finite
         skew = np.abs(cov - np.swapaxes(cov, 1, 2)).max((1, 2))
+        variance = np.einsum("taar->tar", cov)
+        rounding = n * np.finfo(float).eps * np.abs(variance).max(1)
     faults: dict[str, Any] = {
         "mean is not finite": ~np.isfinite(mean).all(1),
         "cov is not finite": ~np.isfinite(cov).all((1, 2)),
         "cov is not symmetric": skew > 1e-6 * np.abs(cov).max((1, 2)),
+        "cov has a negative variance": variance.min(1) < -rounding,
     }
     for what, faulty in faults.items():
         for r in np.flatnonzero(estimate.ok & faulty.any(0)):
@@ -123,34 +135,72 @@ def examined(estimate: object, case: Case, runs: int, elapsed: float) -> Estimat
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds per run-step [K, B] of B timed calls, and how many runs each call carried."""
+    """Seconds per run-step [K, B] of B timed calls, and how many runs each call carried; with what else such calls show.
+
+    memory[B]: peak bytes of a short call with as many runs, made apart from the timed ones. logliks[B, TIMED_RUNS]:
+    log-likelihood of each run of a call, summed over its steps; NaN for runs that did not come through, or that the call did
+    not carry. Calls of several runs are all of the same data, each with its own seed.
+    """
 
     seconds: Array
     batch: tuple[int, ...]
     status: str = "ok"
     reason: str = ""
+    memory: Array | None = None
+    logliks: Array | None = None
 
 
 def measure_time(case: Case, estimator: Estimator, seed: int) -> Timing:
     """Time an estimator on the first steps of a case: single runs for latency, batches for throughput.
 
-    Each call is warm: two short ones go before. Run it alone on the machine, in one thread.
+    Each call is warm: short ones go before. Run it alone on the machine, in one thread.
     """
     try:
         y = simulated(case, seed, 0, TIMED_RUNS).y[:TIMED_STEPS]
-        first = [_timed_call(case, estimator, y[:3, :, :1], seed) for _ in range(2)][1]
-        y = y[: max(3, int(TIMED_SECONDS / (TIMED_RUNS * np.median(first) + 1e-9)))]
-        columns = [_timed_call(case, estimator, y[:, :, r : r + 1], seed + r) for r in range(REPEATS)]
-        columns += [_timed_call(case, estimator, y, seed + r) for r in range(REPEATS)]
+        _call(case, estimator, y[:SHORT, :, :1], seed)
+        peak: dict[int, float] = {}
+        warm: dict[int, float] = {}
+        for runs in (1, TIMED_RUNS):
+            short = y[:SHORT, :, :runs]
+            peak[runs] = _peak(case, estimator, short, seed)
+            warm[runs] = float(np.median(np.asarray(_call(case, estimator, short, seed).seconds)))
+        y = y[: max(SHORT, int(TIMED_SECONDS / (TIMED_RUNS * warm[TIMED_RUNS] + 1e-9)))]
+        tail = math.ceil(TAIL_STEPS / len(y))
+        single = max(REPEATS, tail) if tail * len(y) * warm[1] < TAIL_SECONDS else REPEATS
+        calls = [_call(case, estimator, y[:, :, [r % TIMED_RUNS]], seed + r) for r in range(single)]
+        calls += [_call(case, estimator, y, seed + r) for r in range(REPEATS)]
     except FAULTS as error:
         return Timing(np.full((1, 1), np.nan), (1,), FAILED, _reason(error))
-    return Timing(np.stack(columns, axis=1), (1,) * REPEATS + (TIMED_RUNS,) * REPEATS)
+    batch = (1,) * single + (TIMED_RUNS,) * REPEATS
+    seconds = np.stack([np.asarray(call.seconds).mean(-1) for call in calls], axis=1)
+    return Timing(seconds, batch, memory=np.array([peak[runs] for runs in batch]), logliks=_logliks(calls))
 
 
-def _timed_call(case: Case, estimator: Estimator, y: Array, seed: int) -> Array:
+def _call(case: Case, estimator: Estimator, y: Array, seed: int) -> Estimate:
+    """The estimate from the first steps of a case, with the seconds that they took."""
     begin = time.perf_counter()
     estimate = estimator.run(told(estimator, case.model), y.copy(), seed)
     elapsed = time.perf_counter() - begin
-    if estimate.seconds is None:
-        return np.full(len(y), elapsed / (len(y) * y.shape[2]))
-    return np.asarray(np.mean(estimate.seconds, axis=-1))
+    return examined(estimate, replace(case, steps=len(y), times=case.times[: len(y)]), y.shape[2], elapsed)
+
+
+def _peak(case: Case, estimator: Estimator, y: Array, seed: int) -> float:
+    """Most bytes that a call has in use at any time, of those that Python and NumPy allot in it."""
+    model, y = told(estimator, case.model), y.copy()
+    tracemalloc.start()
+    try:
+        estimator.run(model, y, seed)
+        return float(tracemalloc.get_traced_memory()[1])
+    finally:
+        tracemalloc.stop()
+
+
+def _logliks(calls: list[Estimate]) -> Array | None:
+    """Log-likelihood of the runs of each call [B, TIMED_RUNS], summed over its steps; None when the estimator gives none."""
+    found = np.full((len(calls), TIMED_RUNS), np.nan)
+    for row, call in zip(found, calls, strict=True):
+        if call.loglik is None:
+            return None
+        with np.errstate(invalid="ignore"):  # of runs that are lost
+            row[: len(call.status)] = np.where(call.ok, call.loglik.sum(0), np.nan)
+    return found

@@ -1,4 +1,4 @@
-// The choice of the metric on the overview, tooltips, and the highlighting of a line in a figure.
+// The choice of the metric on the overview, tooltips, the highlighting of a line in a figure, and unfolding for a link.
 "use strict";
 
 const PARTS = ["value", "unit", "interval", "mark", "runs", "note"];
@@ -14,19 +14,20 @@ function chooser() {
     const shown = { value, unit, interval, mark, runs, note };
     td.className = `cell ${state.replace(" ", "-")} ${shade}`;
     for (const part of PARTS) td.querySelector(`[data-${part}]`).textContent = shown[part];
-    const tip = td.querySelector("[data-note]");
-    tip.hidden = !note;
+    const tip = td.querySelector(".tip");
+    tip.hidden = !tip.textContent.trim();
     const link = td.querySelector("a");
-    if (note) link.setAttribute("aria-describedby", tip.id);
+    if (!tip.hidden) link.setAttribute("aria-describedby", tip.id);
     else link.removeAttribute("aria-describedby");
   }
 
   function show(number) {
     const choice = data.choices[number];
-    rows.forEach((cells, r) => cells.forEach((td, c) => fill(td, data.cells[r][number][c])));
+    rows.forEach((cells, r) => cells.forEach((td, c) => fill(td, data.shown[data.cells[r][number][c]])));
     document.querySelector("[data-title]").textContent = choice.title;
     document.querySelector("[data-better]").textContent = choice.better;
-    document.querySelectorAll("[data-legend]").forEach((item, i) => { item.textContent = choice.legend[i]; });
+    document.querySelector("[data-legends]").hidden = !choice.legend.length;
+    document.querySelectorAll("[data-legend]").forEach((item, i) => { item.textContent = choice.legend[i] ?? ""; });
     select.selectedIndex = number;
   }
 
@@ -95,8 +96,19 @@ function menu() {
   });
 }
 
+// A link to what is folded away unfolds it; newer browsers do so by themselves.
+function unfold() {
+  const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  const folded = target?.closest("details:not([open])");
+  if (!folded) return;
+  folded.open = true;
+  target.scrollIntoView();
+}
+
 skipLink();
 chooser();
 tooltips();
 highlighting();
 menu();
+unfold();
+window.addEventListener("hashchange", unfold);

@@ -10,14 +10,15 @@ from suite.metrics.metric import Contributions, Metric
 
 
 def over_bound(e: Evidence) -> Contributions:
-    """Squared error of each state block over its squared bound [T, R]; NaN where it is zero, to rounding, or there is none.
+    """Squared error of each state block over its squared bound [T, R]; NaN where it is zero, to rounding, or not finite.
 
     Of several bounds the first counts.
     """
     if not e.bounds or e.bounds[0].kind == NONE:
         return {}
     limit = [e.negligible[list(block.components)].max() for block in e.case.blocks]
-    squared = np.where(e.bounds[0].value > limit, e.bounds[0].value, np.nan) ** 2
+    value = e.bounds[0].value
+    squared = np.where((value > limit) & np.isfinite(value), value, np.nan) ** 2
     held = [(i, block.name) for i, block in enumerate(e.case.blocks) if np.isfinite(squared[:, i]).any()]
     return {name: e.squared_error[name] / squared[:, i, None] for i, name in held}
 
@@ -120,7 +121,8 @@ LAG = Metric(
     r"{ \sum_{r,k} \left\| \hat x_{b,k} - \hat x_{b,k-1} \right\|^2 }",
     words="How many of its own steps the estimate is behind the truth: the regression of the error on the estimate's last "
     "step. The error of a mean given all measurements so far is orthogonal to whatever is computed of them, so it is 0 for a "
-    "filter that makes the best of a right model, 1 for one whose estimates are a step late, negative for one that overreacts.",
+    "filter that makes the best of a right model, 1 for one that is a step late on a steady course, negative for one that "
+    "overreacts. Of a delay it sees what could have been foreseen: of a state that moves at random from step to step, nothing.",
     reference="B. D. O. Anderson, J. B. Moore, Optimal Filtering, 1979, section 5.2 (orthogonality)",
     fn=along_own_step,
     link=ratio,

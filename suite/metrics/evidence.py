@@ -11,11 +11,13 @@ from suite import divergence
 from suite.case import Card, Truth
 from suite.case_bounds import BlockBound
 from suite.estimator import Estimate
-from suite.linalg import Array
+from suite.linalg import Array, cholesky, solve_lower
 
 Flags = NDArray[np.bool_]
 ROUNDING = 1e-9
 """Part of the largest value of a component of the state below which differences are rounding."""
+REGULAR = 1e-8
+"""Pivots of a correlation matrix above this leave no doubt that it is positive definite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +95,19 @@ def mahalanobis(error: Array, cov: Array) -> Array:
     known = np.isfinite(error).all(-1) & np.isfinite(cov).all((-2, -1))
     sound = known & np.isfinite(correlation).all((-2, -1)) & np.isfinite(unit).all(-1)
     out = np.where(known, np.inf, np.nan)
-    safe = np.where(sound[..., None, None], correlation, np.eye(error.shape[-1]))
-    values, directions = np.linalg.eigh(safe)
-    rounding = error.shape[-1] * np.finfo(float).eps * values[..., -1]
-    positive = sound & (values[..., 0] > rounding)
-    along = np.einsum("...ij,...i->...j", directions, np.where(sound[..., None], unit, 0.0))
-    distance = (along**2 / np.where(values > 0, values, 1.0)).sum(-1)
-    return np.where(positive, distance, out)
+    n = error.shape[-1]
+    safe = np.where(sound[..., None, None], correlation, np.eye(n)).reshape(-1, n, n)
+    unit = np.where(sound[..., None], unit, 0.0).reshape(-1, n)
+    lower = cholesky(safe)
+    regular = np.asarray((np.diagonal(lower, axis1=-2, axis2=-1) ** 2 > REGULAR).all(-1))
+    distance = (solve_lower(np.where(regular[:, None, None], lower, np.eye(n)), unit) ** 2).sum(-1)
+    distance[~regular] = _along_axes(unit[~regular], safe[~regular])
+    return np.where(sound, distance.reshape(sound.shape), out)
+
+
+def _along_axes(unit: Array, correlation: Array) -> Array:
+    """eᵀ C⁻¹ e by the eigenvalues of C[R, n, n], where Cholesky's pivots leave doubt; infinite where C is singular."""
+    values, directions = np.linalg.eigh(correlation)
+    positive = values[:, 0] > unit.shape[1] * np.finfo(float).eps * values[:, -1]
+    along = np.einsum("rij,ri->rj", directions, unit)
+    return np.where(positive, (along**2 / np.where(values > 0, values, 1.0)).sum(-1), np.inf)

@@ -1,16 +1,16 @@
 """What a metric is: contributions of each run, joined over runs and time; and scores with intervals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from suite.case import Card, Truth
-from suite.estimator import LOST, OK, Estimate
+from suite.estimator import OK, Estimate
 from suite.linalg import Array
 from suite.metrics.evidence import Evidence
-from suite.statistics import Resampled, averaged, jackknife, means, positive_jackknife, proportion
+from suite.statistics import Resampled, averaged, bounded, jackknife, means, positive_jackknife, proportion
 
 Contributions = dict[str, Array]
 """Contributions [T, R] of each run at each step (or [1, R]), by state block or by a name such as 'state'."""
@@ -50,11 +50,11 @@ class Metric:
     """A figure of merit: the mean over time of link(mean over runs of a run's contributions), or another `statistic` of them.
 
     family: one of `FAMILIES`. unit: the unit, or 'block' for the unit of the state block, or 'block, squared'. better: 'lower',
-    'higher', or the value to be hit. formula: LaTeX. fn(evidence) gives the contributions of all runs; runs that failed are
-    left out afterwards. statistic: from contributions [..., R] to the value of all runs and without each in turn. exact: from
-    contributions to the value and its interval, where another than the jackknife's is known. signed: whether values may be
-    negative. binomial: whether it is a share of runs, to which lost ones count. timed: whether it looks at running times,
-    measured apart, rather than at estimates. ranked: whether one estimator can be better than another by it.
+    'higher', or the value to be hit. formula: LaTeX. fn(evidence) gives the contributions of all runs; those of runs whose
+    status is not accepted are left out afterwards. statistic: from contributions [..., R] to the value of all runs and without
+    each in turn. exact: from contributions to the value and its interval, where another than the jackknife's is known. signed:
+    whether values may be negative. binomial: whether it is a share of runs. timed: whether it looks at running times, measured
+    apart, rather than at estimates. ranked: whether one estimator can be better than another by it.
     """
 
     name: str
@@ -69,6 +69,7 @@ class Metric:
     link: Callable[[Array], Array] = np.positive
     statistic: Callable[[Array], Resampled] | None = None
     exact: Callable[[Array], tuple[float, float, float]] | None = None
+    accepted: Sequence[str] = (OK,)
     signed: bool = False
     binomial: bool = False
     timed: bool = False
@@ -83,16 +84,15 @@ class Metric:
         }
 
     def contributions(self, evidence: Evidence) -> Contributions:
-        """Contributions [..., R] of all runs: NaN where a run does not count, since it did not come through.
+        """Contributions [..., R] of all runs: NaN where a run does not count, such as one that did not come through.
 
-        For a rate lost runs count. Errors come once more over the runs that did not diverge.
+        Errors come once more over the runs that did not diverge.
         """
         with np.errstate(all="ignore"):  # errors of any size, and NaN in runs that are left out next
             found = self.fn(evidence)
             if self.timed:
                 return found
-            accepted = (OK, LOST) if self.binomial else (OK,)
-            used = np.array([status in accepted for status in evidence.estimate.status], bool)
+            used = np.array([status in self.accepted for status in evidence.estimate.status], bool)
             if not used.all():
                 found = {block: np.where(used, values, np.nan) for block, values in found.items()}
             if self.family == "error":
@@ -135,6 +135,12 @@ class Metric:
         """The metric at each step, with its interval: [T], [T], [T]."""
         sample = means(contributions).map(self.link)
         return sample.value, *(jackknife(sample) if self.signed else positive_jackknife(sample))
+
+
+def share(contributions: Array, link: Callable[[Array], Array] = np.positive) -> tuple[float, float, float]:
+    """The mean over time of link(mean over runs) of contributions [T, R], a share, and its interval within 0 and 1."""
+    sample = averaged(contributions, link)
+    return float(sample.value[0]), *bounded(sample)
 
 
 def counted(contributions: Array) -> Any:

@@ -1,5 +1,7 @@
 """A small results folder written in this process, and a reader of pages."""
 
+import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
@@ -170,6 +172,12 @@ class Page(HTMLParser):
 def read(path):
     """A page as a `Page`."""
     return Page(Path(path).read_text(encoding="utf-8"))
+
+
+def matrix(page):
+    """The data that the overview's script reads, each cell as what it shows."""
+    data = json.loads(re.search(r'<script type="application/json" id="matrix-data">(.*?)</script>', page, re.S)[1])
+    return data | {"cells": [[[data["shown"][i] for i in row] for row in rows] for rows in data["cells"]]}
 
 
 @pytest.fixture(scope="session")

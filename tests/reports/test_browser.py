@@ -90,6 +90,48 @@ def test_the_reason_shows_on_keyboard_focus_and_goes_on_escape(visit):
     assert not tip.is_visible()
 
 
+def test_the_fault_of_a_cell_shows_on_focus_whatever_the_choice(visit):
+    page = visit()
+    cell = page.locator(".matrix tbody tr").first.locator(".cell").nth(1)
+    assert cell.locator(".tag").first.is_visible()
+    assert cell.locator(".tag").first.inner_text() == "optimistic"
+    for choice in ("first", "latency-step"):
+        page.get_by_label("Show", exact=True).select_option(choice)
+        assert not cell.locator(".tip").is_visible()
+        page.keyboard.press("Tab")  # so that the focus is that of a keyboard
+        cell.locator("a").focus()
+        assert "optimistic: squared errors" in cell.locator(".tip").inner_text()
+        assert cell.locator(".tip").is_visible()
+        page.get_by_label("Show", exact=True).focus()
+
+
+def test_marks_and_classes_of_shading_follow_the_choice(visit):
+    page = visit()
+    assert page.locator("[data-legends]").is_visible()
+    page.get_by_label("Show", exact=True).select_option("lag-first")
+    assert not page.locator("[data-legends]").is_visible()
+    assert "0 is best" in page.locator(".reading").inner_text()
+    page.get_by_label("Show", exact=True).select_option("latency-step")
+    assert page.locator("[data-legends]").is_visible()
+    assert page.locator(".cell.barred").count() == page.locator(".cell.barred .tag", has_text="lost").count() == 2
+
+
+def test_families_are_folded_and_unfold_for_a_link(visit):
+    page = visit("case-easy-one.html")
+    assert page.locator("#scores-error").is_visible()
+    assert page.locator("#scores-error .tag").first.is_visible()
+    assert not page.locator("#scores-consistency").is_visible()
+    page.locator("#family-consistency summary").click()
+    assert page.locator("#scores-consistency").is_visible()
+    assert not page.locator("#metric-nees").is_visible()
+    page.locator("#scores-consistency thead a", has_text="NEES").click()
+    page.locator("#metric-nees h4").wait_for(state="visible")
+    assert page.locator("#nees .chance").is_visible()
+    assert not page.locator("#ratio-0").is_visible()
+    again = visit("case-easy-one.html#ratio-0")
+    again.locator("#ratio-0 .drawing").wait_for(state="visible")
+
+
 def test_the_skip_link_leads_to_the_content_and_keeps_the_choice(visit):
     page = visit("index.html#show=nees-state")
     page.keyboard.press("Tab")
@@ -122,7 +164,9 @@ def test_dark_and_light_are_both_readable(visit):
         const paper = getComputedStyle(document.body).backgroundColor;
         const of = (selector, part) =>
             [...document.querySelectorAll(selector)].map(e => ratio(getComputedStyle(e)[part], paper));
-        return { paper: shine(paper), text: of('h1, p, a, figcaption, .under, .drawing text', 'color'),
+        const tags = [...document.querySelectorAll('.tag')].map(e => getComputedStyle(e))
+            .map(s => ratio(s.color, s.backgroundColor === 'rgba(0, 0, 0, 0)' ? paper : s.backgroundColor));
+        return { paper: shine(paper), tags, text: of('h1, p, a, figcaption, .under, .flag, .inside, .drawing text', 'color'),
                  labels: of('.drawing text', 'fill'), lines: of('.swatch path[fill=none]', 'stroke') };
     }"""
     light = visit("case-easy-one.html", color_scheme="light").evaluate(look)
@@ -131,6 +175,7 @@ def test_dark_and_light_are_both_readable(visit):
     assert dark["paper"] < 0.02
     for seen in (light, dark):
         assert min(seen["text"]) >= 4.5
+        assert min(seen["tags"]) >= 4.5
         assert min(seen["labels"]) >= 4.5
         assert min(seen["lines"]) >= 3
 

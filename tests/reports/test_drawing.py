@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from reports.figures import frame, over_time
+from reports.figures import beyond, frame, over_time
 from reports.formula import mathml, prose
 from reports.marks import COLOURS, DASHES, marks
 from reports.series import Series
@@ -36,6 +36,17 @@ def texts(drawing):
 def test_a_wide_range_has_a_logarithmic_axis():
     assert "1000" in texts(draw(series("a", [1, 1, 1]), series("b", [10, 100, 2000])))
     assert "2000" in texts(draw(series("a", [900, 1500, 2000]), series("b", [1000, 900, 2000])))
+
+
+def test_what_is_far_from_a_target_does_not_hide_what_is_near():
+    """An axis with a target ends at a thousand times it, unless nothing would be left; one without reaches everything."""
+    near, far = series("a", [0.5, 1, 2]), series("b", [1, 1e6, 1e9])
+    assert beyond([near, far], 1.0) == 1000
+    assert "1000" in texts(draw(near, far, target=1.0))
+    assert "10⁸" not in texts(draw(near, far, target=1.0))
+    assert "10⁸" in texts(draw(near, far))
+    assert beyond([near], 1.0) == beyond([near, far], None) == beyond([series("c", [1e6, 1e9])], 1.0) == np.inf
+    assert "10⁸" in texts(draw(series("c", [1e6, 1e9]), target=1.0))
 
 
 @pytest.mark.parametrize("target", [None, 1.0])

@@ -9,6 +9,7 @@ from reports import figures, series
 from reports.marks import marks
 from suite.case import Card, Divergence, StateBlock, Truth
 from suite.estimator import Estimate
+from suite.metrics import METRICS
 from suite.results import CaseResults, Cell
 
 TIMES = (0.5, 2.0, 2.25, 9.0)
@@ -44,16 +45,16 @@ def walked(*unknown):
 
 
 def test_lines_stand_at_the_times_of_the_steps():
-    (line,) = series.errors(results(walked()), ["ekf"])["position"]
+    (line,) = series.over_time(results(walked()), METRICS["rmse"], ["ekf"])["position"]
     np.testing.assert_array_equal(line.time, TIMES)
     even = results(walked())
     even.card = dataclasses.replace(CARD, times=())
-    (line,) = series.errors(even, ["ekf"])["position"]
+    (line,) = series.over_time(even, METRICS["rmse"], ["ekf"])["position"]
     np.testing.assert_array_equal(line.time, [1, 2, 3, 4])
 
 
 def test_steps_of_unknown_truth_are_gaps_in_a_line():
-    (line,) = series.errors(results(walked(1)), ["ekf"])["position"]
+    (line,) = series.over_time(results(walked(1)), METRICS["rmse"], ["ekf"])["position"]
     np.testing.assert_array_equal(np.isnan(line.value), [False, True, False, False])
     assert line.hidden == 1
 

@@ -22,6 +22,7 @@ from suite.errors import BadInput
 from suite.metrics import METRICS, Score
 from suite.score import table
 from suite.store import Store
+from tests.reports import conftest
 
 HOSTILE = (
     "<script>alert(1)</script>",
@@ -34,12 +35,6 @@ HOSTILE = (
     "x" * 200,
     "",
 )
-
-
-def matrix(folder):
-    """The data that the overview's script reads."""
-    text = (folder / "index.html").read_text(encoding="utf-8")
-    return json.loads(re.search(r'<script type="application/json" id="matrix-data">(.*?)</script>', text, re.S)[1])
 
 
 def check(folder, tools):
@@ -63,6 +58,14 @@ def check(folder, tools):
     return pages
 
 
+def matrix(folder):
+    return conftest.matrix((folder / "index.html").read_text(encoding="utf-8"))
+
+
+def figures_of(page):
+    return [found["id"] for tag, found in page.attributes if tag == "figure"]
+
+
 def test_every_page_is_there_and_every_link_resolves(site, tools):
     pages = check(site, tools)
     assert set(pages) == {"index.html", "provenance.html", "case-easy-one.html", "case-other.html", "case-lonely.html"}
@@ -83,8 +86,8 @@ def test_the_matrix_says_what_the_table_of_scores_says(variety, site):
             for label, cell in zip(variety.labels, cells, strict=True):
                 held = frame.loc[[(case.card.name, label)]] if (case.card.name, label) in frame.index else frame.iloc[:0]
                 row = held[(held.metric == name) & (held.block == block)]
-                if cell[0] not in ("done", "partly"):
-                    assert cell[1] in ("refused", "failed", "lost", "not run", "no such block", "not timed")
+                if cell[0] not in ("done", "partly", "barred"):
+                    assert cell[1] in ("refused", "failed", "lost", "not run", "no such block", "not timed", "none")
                     assert cell[7]
                     continue
                 r = row.iloc[0]
@@ -100,7 +103,7 @@ def test_states_differ_and_give_their_reason(variety, site):
     labels, data = variety.labels, matrix(site)
     cells = dict(zip(labels, data["cells"][0][0], strict=True))
     assert {label: cell[0] for label, cell in cells.items()} == {
-        "plain": "done", "shifted": "done", "twin": "done", "choosy": "refused", "broken": "failed", "frail": "partly",
+        "plain": "done", "shifted": "barred", "twin": "done", "choosy": "refused", "broken": "failed", "frail": "partly",
     }  # fmt: skip
     assert cells["choosy"][7] == "the model is too hard"
     assert "no <b>luck</b>" in cells["broken"][7]
@@ -131,8 +134,10 @@ def test_the_case_page_tells_the_case(site, tools):
         "Radar",
     ):
         assert words in " ".join(page.text.split()), words
-    assert page.tags.count("math") == 7
-    assert page.tags.count("figure") == 4
+    told = [name.removeprefix("metric-") for name in page.ids if name.startswith("metric-")]
+    assert {"rmse", "crlb-ratio", "nees", "divergence", "latency"} <= set(told)
+    assert page.tags.count("math") == 1 + len(told)
+    assert figures_of(page) == ["ground", "rmse-0", "rmse-1", "nees", "ratio-0", "ratio-1"]
 
 
 def test_figures_of_errors_have_the_bound(tools, tmp_path):
@@ -192,7 +197,7 @@ def test_no_text_becomes_markup(hostile, tools, tmp_path):
 def test_drawings_are_well_formed(site):
     text = (site / "case-easy-one.html").read_text(encoding="utf-8")
     drawings = re.findall(r"<svg xmlns.*?</svg>", text, re.S)
-    assert len(drawings) == 4
+    assert len(drawings) == 6
     for drawing in drawings:
         tree = ET.fromstring(drawing)
         assert tree.get("role") == "img"

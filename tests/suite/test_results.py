@@ -5,9 +5,11 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
-from suite import plan
+from suite import plan, store
 from suite.metrics import METRICS
 from suite.results import load
 
@@ -47,6 +49,19 @@ def test_the_numbers_that_come_back_are_those_of_the_estimator(tiny, results):
     cell = load(results).cases["tiny"].cells["last"]
     np.testing.assert_array_equal(cell.estimate.mean[:, 0], cell.truth.y[:, 0])
     assert cell.scores(METRICS["rmse"])["position"].runs == 4
+
+
+def test_timed_calls_of_older_versions_lack_columns_and_are_read(tiny, cli, results, monkeypatch):
+    older = pa.schema([f for f in store.SCHEMA if f.name not in ("seed", "version", "memory", "logliks")])
+    monkeypatch.setattr(store, "SCHEMA", older)
+    assert tiny("-e", "kalman").code == 0
+    assert all(pq.read_schema(p).names == older.names for p in results.rglob("*.parquet"))
+    monkeypatch.undo()
+    found = {key[2] for key in scores(cli, results)}
+    assert {"rmse", "latency", "latency-p99", "throughput"} <= found
+    assert not {"memory", "loglik-variance"} & found
+    timing = load(results).cases["tiny"].cells["kalman"].timing
+    assert (timing.memory, timing.logliks) == (None, None)
 
 
 def test_the_newest_version_counts(tiny, cli, results):

@@ -62,6 +62,28 @@ def test_pandas_reads_the_whole_folder(store):
     assert frame["mean"].isna().sum() == 4
 
 
+def test_pandas_tells_seeds_versions_and_kinds_apart(tiny, tmp_path):
+    assert tiny("-e", "last").code == tiny("-e", "last", "--seed", 2).code == 0
+    frame = pandas.read_parquet(tmp_path / "results")
+    assert set(frame.seed) == {1, 2}
+    assert frame.seed.dtype == np.int64
+    assert not frame.version.isna().any()
+    timed = frame[frame.kind == "timing"]
+    assert (timed.memory > 0).all()
+    assert timed.seconds.notna().all()
+    assert frame[frame.kind != "timing"].memory.isna().all()
+    entries, _ = Store(tmp_path / "results").scan()
+    said = {(e.meta["kind"], e.meta["seed"], e.meta["version"]) for e in entries}
+    assert set(zip(frame.kind, frame.seed, frame.version, strict=True)) == said
+
+
+def test_a_seed_that_the_store_cannot_hold(tiny):
+    assert tiny("-e", "last", "--seed", 2**63 - 1).code == 0
+    said = tiny("-e", "last", "--seed", 2**63)
+    assert said.code == 2
+    assert said.errors == [f"filterbench: seed {2**63} does not fit into the store; give one below 2^63"]
+
+
 def test_a_block_is_written_under_its_name_only_when_whole(store, monkeypatch):
     seen = []
     real = Path.replace

@@ -1,0 +1,111 @@
+"""Running times from the JSON that pytest-benchmark writes, as one source of the table of scores beside the store."""
+
+import itertools
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+
+from suite.errors import BadInput, one_line
+from suite.metrics import METRICS
+from suite.metrics.cost import quantile_ranks
+from suite.tables import print_table
+
+Row = dict[str, Any]
+ABOUT = ("date", "machine", "commit")
+COLUMNS = ("source", *ABOUT, "name", "group", "batch", "steps", "rounds")
+"""What a row of a benchmark tells beyond those of the store; batch is how many runs a call carried."""
+WHOLE = ("seed", "runs", "total", "lost", "failed", "batch", "steps", "rounds")
+STORED = "stored"
+HEADER = ("benchmark", "runs", "metric", "value", "95 % interval", "rounds")
+
+
+def read(path: str) -> list[Row]:
+    """A row for each benchmark of a file, with the median over its rounds. Raises BadInput when it cannot be read.
+
+    A benchmark that says its estimator, case, runs and steps gives a latency (one run) or a throughput; of the whole call,
+    so with all that it does beside its steps. Any other gives the duration of its call in seconds.
+    """
+    mend = "name a file that pytest-benchmark wrote, such as those of `nox -s bench` in bench/"
+    try:
+        said = json.loads(Path(path).read_text(encoding="utf-8"))
+        machine, commit = said["machine_info"], said["commit_info"]
+        about = {"source": path, "date": said["datetime"], "commit": commit["id"]}
+        about["machine"] = machine.get("cpu", {}).get("brand_raw") or machine["machine"]
+        return [about | _row(benchmark) for benchmark in said["benchmarks"]]
+    except OSError as error:
+        raise BadInput(f"cannot read {path}: {error.strerror}; {mend}") from error
+    except Exception as error:  # whatever a damaged file makes the reader raise
+        raise BadInput(f"{path} is damaged or no JSON of pytest-benchmark ({one_line(error)}); {mend}") from error
+
+
+def select(paths: Iterable[str], cases: Sequence[str], estimators: Sequence[str], metrics: Sequence[str]) -> list[Row]:
+    """The rows of some files that match the patterns given; no patterns match all."""
+    wanted = {"case": cases, "estimator": estimators, "metric": metrics}
+    rows = [row for path in paths for row in read(path)]
+    return [row for row in rows if all(_fits(row.get(kind, ""), patterns) for kind, patterns in wanted.items())]
+
+
+def _fits(name: str, patterns: Sequence[str]) -> bool:
+    return not patterns or any(name == p or fnmatchcase(name, p) for p in patterns)
+
+
+def joined(frame: pandas.DataFrame, rows: Sequence[Row]) -> pandas.DataFrame:
+    """A table of scores with rows of benchmarks below it, and the source of each; what a row does not tell is missing."""
+    columns = [*frame.columns, *COLUMNS]
+    stored = [record | {"source": STORED} for record in frame.to_dict("records")]
+    return pandas.DataFrame([*stored, *rows], columns=columns).astype(dict.fromkeys(WHOLE, "Int64"))
+
+
+def show(rows: Iterable[Row]) -> None:
+    """Print a table for each file, with where and when it was measured."""
+    for (source, *about), group in itertools.groupby(rows, lambda row: [row[name] for name in ("source", *ABOUT)]):
+        print_table(f"{source}: {', '.join(map(str, about))}", HEADER, [_words(row) for row in group])
+
+
+def _words(row: Row) -> tuple[str, ...]:
+    interval = "" if math.isnan(row["low"]) else f"[{row['low']:.4g}, {row['high']:.4g}]"
+    value = f"{row['value']:.4g} {row['unit']}"
+    return row["name"], str(row.get("batch", "")), f"{row['metric']}:{row['block']}", value, interval, str(row["rounds"])
+
+
+def _row(benchmark: Mapping[str, Any]) -> Row:
+    """The row of a benchmark; raises what damage makes it raise."""
+    stats, told = benchmark["stats"], benchmark["extra_info"]
+    seconds = np.array([stats["median"], *_interval(stats)], float)
+    if not 0 <= seconds[0] < math.inf:
+        raise ValueError(f"the median of {benchmark['name']} is {stats['median']!r} s")
+    row = {"name": str(benchmark["name"]), "group": benchmark["group"], "rounds": int(stats["rounds"])}
+    if not {"estimator", "case", "runs", "steps"} <= told.keys():
+        return row | _figures("duration", "call", "s", *seconds)
+    runs, steps = int(told["runs"]), int(told["steps"])
+    if runs < 1 or steps < 1:
+        raise ValueError(f"{benchmark['name']} is said to have {runs} runs and {steps} steps")
+    row |= {"estimator": str(told["estimator"]), "case": str(told["case"]), "batch": runs, "steps": steps}
+    if runs == 1:
+        return row | _figures("latency", "step", METRICS["latency"].unit, *(1e6 * seconds / steps))
+    with np.errstate(divide="ignore"):  # by a time below the resolution of the clock
+        value, high, low = runs * steps / seconds
+    return row | _figures("throughput", "step", METRICS["throughput"].unit, value, low, high)
+
+
+def _figures(metric: str, block: str, unit: str, value: float, low: float, high: float) -> Row:
+    figures = {"value": float(value), "low": float(low), "high": float(high)}
+    return {"metric": metric, "block": block, "unit": unit, **figures}
+
+
+def _interval(stats: Mapping[str, Any]) -> tuple[float, float]:
+    """The exact 95 % interval of the median over rounds; NaN when there are too few, or their times were not kept.
+
+    Without all times the least and the largest are known, which are the interval of six to eight rounds.
+    """
+    times = sorted(stats["data"]) if stats.get("data") else [stats["min"], stats["max"]]
+    low, high = quantile_ranks(int(stats["rounds"]), 0.5)
+    if low < 1 or (low > 1 and len(times) != stats["rounds"]):
+        return math.nan, math.nan
+    return (times[low - 1], times[high - 1]) if low > 1 else (times[0], times[-1])

@@ -1,0 +1,198 @@
+"""Running times from pytest-benchmark: from a file that it wrote, and from files that are damaged."""
+
+import copy
+import io
+import json
+import re
+import statistics
+import subprocess
+import sys
+
+import numpy as np
+import pandas
+import pytest
+
+from suite.benchmarks import read
+from suite.errors import BadInput
+
+SOURCE = """
+import pytest
+
+@pytest.mark.parametrize("runs", [1, 4])
+def test_filter(benchmark, runs):
+    benchmark.group = "easy"
+    benchmark.extra_info |= {"estimator": "last", "case": "tiny", "runs": runs, "steps": 20}
+    benchmark.pedantic(lambda: sum(range(2000)), rounds=25)
+
+def test_else(benchmark):
+    benchmark.pedantic(lambda: sum(range(100)), rounds=5)
+"""
+
+
+def written(folder, *arguments):
+    """The JSON that pytest-benchmark writes for the source above."""
+    (folder / "test_source.py").write_text(SOURCE)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "test_source.py", *arguments]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("benchmarks")
+    written(folder, "--benchmark-json=times.json", "--benchmark-storage=file://kept", "--benchmark-autosave")
+    return folder / "times.json"
+
+
+def by_name(path):
+    return {row["name"]: row for row in read(str(path))}
+
+
+def test_rows_are_what_the_file_says(path):
+    said = json.loads(path.read_text())
+    rows = by_name(path)
+    assert list(rows) == [b["name"] for b in said["benchmarks"]] == ["test_filter[1]", "test_filter[4]", "test_else"]
+    one, many, other = rows.values()
+    medians = [b["stats"]["median"] for b in said["benchmarks"]]
+    assert (one["metric"], one["block"], one["unit"]) == ("latency", "step", "µs")
+    assert one["value"] == pytest.approx(1e6 * medians[0] / 20)
+    assert (many["metric"], many["block"], many["unit"]) == ("throughput", "step", "run-steps/s")
+    assert many["value"] == pytest.approx(4 * 20 / medians[1])
+    assert (other["metric"], other["value"], other["unit"]) == ("duration", medians[2], "s")
+    assert "estimator" not in other
+    assert [(r["estimator"], r["case"], r["batch"], r["steps"]) for r in (one, many)] == [
+        ("last", "tiny", n, 20) for n in (1, 4)
+    ]
+    assert [(r["group"], r["rounds"]) for r in rows.values()] == [("easy", 25), ("easy", 25), (None, 5)]
+    for row in rows.values():
+        assert (row["source"], row["date"], row["commit"]) == (str(path), said["datetime"], said["commit_info"]["id"])
+        assert row["machine"]
+
+
+def test_the_interval_of_the_median_is_that_of_its_ranks(path):
+    """Of 25 rounds the 8th and the 18th: B(25, 1/2) is below 8 with probability 0.0216, below 9 with 0.0539."""
+    said = {b["name"]: sorted(b["stats"]["data"]) for b in json.loads(path.read_text())["benchmarks"]}
+    one, many, other = by_name(path).values()
+    times = said["test_filter[1]"]
+    assert statistics.median(times) == pytest.approx(one["value"] * 20 / 1e6)
+    assert (one["low"], one["high"]) == pytest.approx((1e6 * times[7] / 20, 1e6 * times[17] / 20))
+    times = said["test_filter[4]"]
+    assert (many["low"], many["high"]) == pytest.approx((80 / times[17], 80 / times[7]))
+    assert np.isnan([other["low"], other["high"]]).all(), "five rounds are too few"
+
+
+def test_files_that_kept_no_times_have_an_interval_where_the_ends_are_it(path, tmp_path):
+    (kept,) = (path.parent / "kept").rglob("*.json")
+    assert "data" not in json.loads(kept.read_text())["benchmarks"][0]["stats"]
+    assert all(np.isnan([row["low"], row["high"]]).all() for row in by_name(kept).values())
+    said = json.loads(kept.read_text())
+    ends = {}
+    for rounds in (5, 6, 8, 9):
+        said["benchmarks"][2]["stats"]["rounds"] = rounds
+        (tmp_path / "x.json").write_text(json.dumps(said))
+        row = by_name(tmp_path / "x.json")["test_else"]
+        ends[rounds] = row["low"], row["high"]
+    stats = said["benchmarks"][2]["stats"]
+    assert ends[6] == ends[8] == (stats["min"], stats["max"])
+    assert np.isnan(ends[5] + ends[9]).all()
+
+
+def without(*keys):
+    def spoil(said):
+        for key in keys[:-1]:
+            said = said[key]
+        del said[keys[-1]]
+
+    return spoil
+
+
+def with_value(value, *keys):
+    def spoil(said):
+        for key in keys[:-1]:
+            said = said[key]
+        said[keys[-1]] = value
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        without("benchmarks"), without("machine_info"), without("commit_info"), without("benchmarks", 0, "stats"),
+        without("benchmarks", 0, "stats", "median"), with_value("fast", "benchmarks", 0, "stats", "median"),
+        with_value(float("nan"), "benchmarks", 0, "stats", "median"), with_value(-1.0, "benchmarks", 0, "stats", "median"),
+        with_value(None, "benchmarks", 0, "stats", "rounds"), with_value(10**15, "benchmarks", 0, "stats", "rounds"),
+        with_value(0, "benchmarks", 0, "extra_info", "runs"), with_value("many", "benchmarks", 0, "extra_info", "steps"),
+        with_value(float("inf"), "benchmarks", 0, "extra_info", "steps"), with_value(3, "benchmarks"),
+        with_value(None, "machine_info"),
+    ],
+)  # fmt: skip
+def test_a_damaged_file_is_named(path, tmp_path, spoil):
+    said = copy.deepcopy(json.loads(path.read_text()))
+    spoil(said)
+    damaged = tmp_path / "damaged.json"
+    damaged.write_text(json.dumps(said))
+    with pytest.raises(
+        BadInput, match=rf"^{re.escape(str(damaged))} is damaged or no JSON of pytest-benchmark \(.*\); name a"
+    ) as caught:
+        read(str(damaged))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b"null", b"\xff\xfe\x00", b"[" * 100_000])
+def test_a_file_of_something_else_is_named(tmp_path, content):
+    other = tmp_path / "other.json"
+    other.write_bytes(content)
+    with pytest.raises(BadInput, match=rf"^{re.escape(str(other))} is damaged or no JSON of pytest-benchmark \(.*\); name a"):
+        read(str(other))
+
+
+def test_a_mistake_is_one_line_and_no_table(cli, tiny, tmp_path):
+    assert tiny("-e", "last").code == 0
+    said = cli("score", "--results", tmp_path / "results", "--benchmarks", "none.json")
+    assert (said.code, said.out, len(said.errors)) == (2, "", 1)
+    assert said.errors[0].startswith("filterbench: cannot read none.json: ")
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(BadInput, match=rf"^cannot read {tmp_path}/none.json: No such file or directory; name a file that"):
+        read(f"{tmp_path}/none.json")
+
+
+def test_benchmarks_stand_below_the_scores(cli, tiny, tmp_path, path):
+    assert tiny("-e", "last").code == 0
+    results = ("--results", tmp_path / "results")
+    plain = pandas.read_csv(io.StringIO(cli("score", *results, "--format", "csv").out))
+    whole = pandas.read_csv(io.StringIO(cli("score", *results, "--format", "csv", "--benchmarks", path, path).out))
+    assert list(whole.columns[: len(plain.columns)]) == list(plain.columns)
+    pandas.testing.assert_frame_equal(whole[: len(plain)][plain.columns], plain, check_dtype=False)
+    assert list(whole.source) == ["stored"] * len(plain) + [str(path)] * 6
+    assert list(whole.name[len(plain) :]) == ["test_filter[1]", "test_filter[4]", "test_else"] * 2
+    same = json.loads(cli("score", *results, "--format", "json", "--benchmarks", path).out)
+    last = same[-1]
+    assert (last["name"], last["case"], last["seed"], last["low"], last["rounds"]) == ("test_else", None, None, None, 5)
+    assert [isinstance(row["seed"], int) for row in same] == [True] * len(plain) + [False] * 3
+
+
+def test_patterns_choose_benchmarks_too(cli, tiny, tmp_path, path):
+    assert tiny("-e", "last", "smoothed").code == 0
+
+    def names(*arguments):
+        said = cli("score", "--results", tmp_path / "results", "--format", "json", "--benchmarks", path, *arguments)
+        return [row["name"] for row in json.loads(said.out) if row["source"] != "stored"]
+
+    assert names("-c", "tin*") == ["test_filter[1]", "test_filter[4]"]
+    assert names("-e", "last") == ["test_filter[1]", "test_filter[4]"]
+    assert names("-e", "smoothed") == []
+    assert names("-m", "throughput", "rmse") == ["test_filter[4]"]
+
+
+def test_the_printed_table_of_a_file(cli, tiny, tmp_path, path):
+    assert tiny("-e", "last").code == 0
+    out = cli("score", "--results", tmp_path / "results", "-m", "rmse", "--benchmarks", path).out
+    assert "test_filter" not in out
+    out = cli("score", "--results", tmp_path / "results", "--benchmarks", path).out
+    one = by_name(path)["test_filter[1]"]
+    cells = [part.strip() for part in next(line for line in out.splitlines() if "test_filter[1]" in line).split("│")]
+    interval = f"[{one['low']:.4g}, {one['high']:.4g}]"
+    assert cells[1:-1] == ["test_filter[1]", "1", "latency:step", f"{one['value']:.4g} µs", interval, "25"]
+    assert next(line for line in out.splitlines() if "test_else" in line).split("│")[5].strip() == ""
