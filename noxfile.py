@@ -65,6 +65,7 @@ def bench(session: nox.Session) -> None:
         "--benchmark-columns=median,iqr,rounds",
         "--benchmark-storage=file://bench",
         "--benchmark-autosave",
+        "--benchmark-save-data",
         "-rs",
         *session.posargs,
         env=one_thread,

@@ -165,11 +165,6 @@ def bound_name(bound: BlockBound) -> str:
     return BOUND_NAMES[bound.kind] + (" (no strict bound here)" if loose else "")
 
 
-def strict(bounds: Sequence[BlockBound]) -> bool:
-    """Whether the first bound of a case, against which errors are held, holds for every estimator."""
-    return bool(bounds) and bounds[0].kind in (POSTERIOR, KNOWN_MODES) and not bounds[0].reason
-
-
 def against_bound(bounds: Sequence[BlockBound]) -> str:
     """How to read errors over the first bound of a case."""
     if not bounds:
@@ -177,7 +172,7 @@ def against_bound(bounds: Sequence[BlockBound]) -> str:
     if bounds[0].kind == NONE:
         return f"There is no bound: {bounds[0].reason}."
     name = f"Errors are held against the {bound_name(bounds[0])}."
-    if strict(bounds):
+    if bounds[0].strict:
         return f"{name} In the long run none are smaller; a ratio whose interval lies below 1 is flagged."
     return f"{name} Ratios below 1 mean nothing here{': ' if bounds[0].reason else ''}{bounds[0].reason}."
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from suite import fisher
-from suite.bounds import Bound, Trajectories, best_fitting_gaussian, bound, trajectories
+from suite.bounds import KNOWN_MODES, POSTERIOR, Bound, Trajectories, best_fitting_gaussian, bound, trajectories
 from suite.case import FROM_MODEL, Case, Truth
 from suite.jump import JumpModel
 from suite.linalg import Array
@@ -32,6 +32,11 @@ class BlockBound:
     value: Array
     error: Array
     cov: Array
+
+    @property
+    def strict(self) -> bool:
+        """Whether no estimator can have smaller errors in the long run."""
+        return self.kind in (POSTERIOR, KNOWN_MODES) and not self.reason
 
 
 def bounds_of(case: Case, seed: int) -> tuple[BlockBound, ...]:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from suite.bounds import KNOWN_MODES, POSTERIOR
 from suite.case import FROM_MODEL, RECORDED
 from suite.linalg import Array
 from suite.metrics import METRICS, SURVIVING, Score, counted
@@ -59,7 +58,7 @@ def _lost_target(cell: Cell) -> Iterator[Remark]:
 def _too_good(cell: Cell) -> Iterator[Remark]:
     """Errors below a bound that holds for every estimator: it knows what measurements do not tell."""
     bound = cell.case.bounds[0] if cell.case.bounds else None
-    if bound is None or bound.reason or bound.kind not in (POSTERIOR, KNOWN_MODES):
+    if bound is None or not bound.strict:
         return
     with np.errstate(all="ignore"):
         uncertain = 4 * np.nanmax(np.where(bound.value > 0, bound.error / bound.value, 0.0))

@@ -193,7 +193,7 @@ def load(
         _fill(case, mine, estimator_order)
         cases[name] = case
     for case in cases.values():
-        case.calm = cases.get(case.card.calm)
+        case.calm = cases.get(case.card.calm) if case.card.calm else None
     used = sum(len(c.truths) + (c.bound is not None) + sum(_size(cell) for cell in c.cells.values()) for c in cases.values())
     return Results(Path(folder), cases, entries, len(entries) - used, damages)
 

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from reports import figures, series
 from reports.marks import Mark
-from reports.sentences import bound_name, bounded, strict
+from reports.sentences import bound_name, bounded
 from reports.series import Band, Series, Tracks
 from reports.text import count, listed, number, tick
 from reports.views import PERCENT
@@ -61,7 +61,7 @@ def main_figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str
 
 def more_figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str, Mark]) -> Iterator[FigureView]:
     """Errors over a bound that holds for all estimators, and innovations, over time."""
-    ratios = series.over_time(results, METRICS["crlb-ratio"], labels) if strict(results.bounds) else {}
+    ratios = series.over_time(results, METRICS["crlb-ratio"], labels) if results.bounds and results.bounds[0].strict else {}
     for i, block in enumerate(results.card.blocks):
         if block.name in ratios and not _unknown(ratios[block.name]):
             title = f"Ratio of the RMSE of {block.name} to the Cramér-Rao bound over time"

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from reports.sentences import against_bound, strict
+from reports.sentences import against_bound
 from reports.text import Quantity, listed
 from reports.views import CaseView, CellView, Key
 from suite.metrics import FAMILIES, METRICS
@@ -100,7 +100,7 @@ def _entry(case: CaseView, cell: CellView, column: Column) -> Entry:
         best = BESTS[metric.better] if isinstance(metric.better, str) else f"nearest to {metric.better:g}"
         flags.append(f"{best}, not ranked")
     over = {"crlb-ratio": score.high < 1, "efficiency": score.low > 1}
-    if over.get(metric.name) and strict(case.results.bounds):
+    if over.get(metric.name) and case.results.bounds[0].strict:
         sure = any(remark.kind == "too good" for remark in cell.remarks)
         flags.append("below the bound: too good" if sure else "below the bound: chance, or too good")
     runs = "" if score.runs == score.total else f"{score.runs} of {score.total} runs"

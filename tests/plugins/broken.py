@@ -195,6 +195,7 @@ BROKEN = {
             "mean has shape (4, 4, 4), expected (5, 4, 4)",
         ),
         (broken("shapes", lambda self, e, *rest: setattr(e, "mean", "junk")), "mean has shape ()"),
+        (broken("shapes", spoil_time=negative_time), "seconds"),
         (broken("shapes", lambda self, e, *rest: setattr(e, "ess", e.ess[:, 0])), "ess has shape (5,), expected (5, 4)"),
         (broken("shapes", lambda self, e, *rest: setattr(e, "cov", e.cov * 1j)), "cov is complex"),
         (broken("shapes", lambda self, e, *rest: setattr(e, "cov", np.full(e.cov.shape, "x"))), "could not convert"),
@@ -207,14 +208,17 @@ BROKEN = {
         (broken("finiteness", put("mean", LATE, np.nan)), "run 0, step 3: mean is not finite"),
         (broken("finiteness", put("cov", LATE, np.inf)), "run 0, step 3: cov is not finite"),
         (broken("finiteness", put("cov", (LATE, 0, 1), 0.5)), "run 0, step 3: cov is not symmetric"),
+        (broken("finiteness", put("cov", (LATE, 0, 0), -1.0)), "run 0, step 3: cov has a negative variance"),
         (
             broken("finiteness", lose_all),
             "all runs were lost on ordinary measurements, the first at step 1: everything was lost",
         ),
     ],
     "covariances": [
-        (broken("covariances", put("cov", (LATE, 0, 0), -1.0)), "a covariance of step 3 has the negative eigenvalue"),
-        (broken("covariances", put("cov", (LATE, [0, 1], [1, 0]), 1.5)), "step 3 has the negative eigenvalue -0.5 when scaled"),
+        (
+            broken("covariances", put("cov", (LATE, [0, 1], [1, 0]), 1.5)),
+            "a covariance of step 3 has the negative eigenvalue -0.5",
+        ),
     ],
     "log likelihood": [
         (broken("log likelihood", put("loglik", 0, -np.inf)), "loglik is -inf"),
@@ -241,7 +245,6 @@ BROKEN = {
     "seconds": [
         (broken("seconds", spoil_time=slow_clock), "seconds add up to"),
         (broken("seconds", spoil_time=no_division, spoil=lambda self, *rest: np.ones(300_000).cumsum()), "seconds add up to"),
-        (broken("seconds", spoil_time=negative_time), "seconds are negative or not finite"),
         (broken("seconds", spoil_time=no_batch), "batch is [0, 0, 0, 0] for 4 runs"),
     ],
     "measurements untouched": [(broken("measurements untouched", change_measurements), "run wrote to the measurements")],
