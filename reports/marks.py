@@ -45,6 +45,8 @@ class Mark:
 def marks(labels: list[str]) -> dict[str, Mark]:
     """The mark of each estimator; after ten colours the dash patterns shift, so that no pair comes twice."""
     return {
-        label: Mark(i, i % COLOURS + 1, MARKERS[i % len(MARKERS)], DASHES[(i + i // COLOURS) % len(DASHES)])
+        label: Mark(
+            i, i % COLOURS + 1, MARKERS[(i + 3 * (i // COLOURS)) % len(MARKERS)], DASHES[(i + i // COLOURS) % len(DASHES)]
+        )
         for i, label in enumerate(labels)
     }

@@ -10,7 +10,7 @@ import numpy as np
 
 from reports.text import Quantity, quantity
 from suite.case import RECORDED
-from suite.diagnosis import Remark, remarks
+from suite.diagnosis import Remark, barred, remarks
 from suite.metrics import METRICS, SURVIVING, Metric, Score
 from suite.plan import TIMING
 from suite.results import CaseResults, Cell
@@ -46,8 +46,7 @@ class CellView:
 
     def competes(self, metric: Metric) -> bool:
         """Whether it may be called best by a metric: all runs came through and, but for running times, no remark bars it."""
-        barred = not metric.timed and any(remark.bars for remark in self.remarks)
-        return not (self.lost or self.failed or barred)
+        return not (self.lost or self.failed or barred(self.remarks, metric))
 
     @property
     def ran(self) -> bool:

@@ -1,4 +1,4 @@
-"""The command line: list, check, run, score, verify, report."""
+"""The command line: list, check, run, score, compare, detect, verify, report."""
 
 import argparse
 import contextlib
@@ -43,6 +43,8 @@ from suite.tables import (
 from suite.trial import measured
 from suite.worker import Context
 
+MANY = 1000
+"""Stored blocks from which on scoring is spread over processes, which take a second or two to start."""
 BLOCKS = 40
 """Into about so many blocks the runs of a cell are divided that --until asks for."""
 Chosen = Mapping[Case, Sequence[Estimator]]
@@ -194,9 +196,9 @@ def _store_if_any(folder: str) -> Store | None:
 def _score(options: argparse.Namespace) -> int:
     loaded = _load(options)
     metrics = METRICS.select(options.metric)
-    frame = score.table(
-        loaded, metrics, _matching("case", loaded.cases, options.case), _matching("estimator", loaded.labels, options.estimator)
-    )
+    chosen = _matching("case", loaded.cases, options.case), _matching("estimator", loaded.labels, options.estimator)
+    jobs = (os.cpu_count() or 1) if len(loaded.entries) > MANY else 1
+    frame = score.table(loaded, metrics, *chosen, jobs)
     timed = benchmarks.select(options.benchmarks, options.case, options.estimator, options.metric)
     whole = benchmarks.joined(frame, timed) if options.benchmarks else frame
     print_frame(whole, options.format, lambda _: print_scores(frame))

@@ -1,13 +1,13 @@
 """What is wrong with an estimator on a case, as far as its scores can tell: in words, and only where they are sure of it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from suite.case import FROM_MODEL, RECORDED
 from suite.linalg import Array
-from suite.metrics import METRICS, SURVIVING, Score, counted
+from suite.metrics import METRICS, SURVIVING, Metric, Score, counted
 from suite.results import Cell
 from suite.statistics import Resampled, below_zero
 
@@ -29,7 +29,7 @@ OFTEN = 0.5
 class Remark:
     """What a reader must know of an estimator on a case before choosing it: in a word or two, and in a sentence.
 
-    bars: whether it keeps the estimator from being called best by anything but running time.
+    bars: whether it keeps the estimator from being called best, see `barred`.
     """
 
     kind: str
@@ -41,6 +41,11 @@ def remarks(cell: Cell) -> list[Remark]:
     """What is wrong with an estimator on a case; nothing where no run is stored."""
     looks = (_incomplete, _lost_target, _too_good, _misled, _incredible, _late)
     return [remark for look in looks for remark in look(cell)] if cell.runs else []
+
+
+def barred(found: Sequence[Remark], metric: Metric) -> bool:
+    """Whether remarks keep an estimator from a place by a metric: not by running time, nor by what its statistic detects."""
+    return not metric.timed and metric.family != "detection" and any(remark.bars for remark in found)
 
 
 def _incomplete(cell: Cell) -> Iterator[Remark]:
@@ -78,7 +83,7 @@ def _incredible(cell: Cell) -> Iterator[Remark]:
     """A covariance far from the errors; where the truth is drawn from the model, that is the filter's own fault."""
     bars = cell.case.card.origin == FROM_MODEL
     for _, score in _above(cell, "nees", CREDIBLE):
-        said = "its covariance singular at some steps" if np.isinf(score.value) else ""
+        said = "squared errors endlessly larger than its covariance, which may be singular" if np.isinf(score.value) else ""
         yield Remark("optimistic", said or f"squared errors {_text(score)} times what its covariance says", bars)
     for _, score in _below(cell, "nees", 1 / CREDIBLE):
         yield Remark("pessimistic", f"squared errors only {_text(score)} of what its covariance says", bars)

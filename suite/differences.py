@@ -95,7 +95,8 @@ def effect_size(gained: Array) -> Interval:
     """
     runs = len(gained)
     spread = gained.std(ddof=1) if runs > 1 and np.isfinite(gained).all() else 0.0
-    if spread <= ROUNDING * np.abs(gained).max(initial=0.0):
+    largest = float(np.abs(gained).max(initial=0.0))
+    if largest <= ROUNDING or spread <= ROUNDING * largest:
         return NONE
     t = gained.mean() / spread * np.sqrt(runs)
     ends = (float(nctdtrinc(runs - 1, 0.5 + side * LEVEL / 2, t)) for side in (1, -1))

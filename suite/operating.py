@@ -65,12 +65,15 @@ def operating_points(e: Evidence, levels: Sequence[float] = ()) -> pandas.DataFr
             words = f"{need} runs without manoeuvres, there are {len(peaks)}; run more, or name a higher level"
             raise BadInput(f"{e.case.name}: a false-alarm level of {level:g} needs {words}")
         threshold = peaks[place - 1 : place]
-        false_alarm = (place / (len(peaks) + 1), *betaincinv(place, len(peaks) + 1 - place, roc.TAILS))
+        above = int((peaks > threshold).sum())  # peaks at the threshold itself are no alarms
+        tied = above + 1 < place
+        low, high = betaincinv(above + 1, len(peaks) - above, roc.TAILS)
+        false_alarm = ((above + 1) / (len(peaks) + 1), 0.0 if tied else low, high)
         if len(quiet):
             caught = first.detected(threshold)[0, used]
             counted = ~np.isnan(caught)
             delay, lasting = first.delay(threshold)[:, used], first.lasts[:, used].sum(0)
-            times = _run_length(e, threshold[0]), _delay(delay[:, counted], lasting.max(initial=0.0))
+            times = NOTHING if tied else _run_length(e, threshold[0]), _delay(delay[:, counted], lasting.max(initial=0.0))
         else:
             caught = first.risen[-1, used] > threshold
             counted, times = np.ones(len(caught), bool), (NOTHING, NOTHING)

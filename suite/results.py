@@ -176,13 +176,11 @@ def load(
     """
     entries, damages = Store(folder).scan()
     entries = sorted((e for e in entries if seed in (None, e.meta["seed"])), key=lambda e: e.meta["created"])
-    truths: dict[str, list[Entry]] = {}
-    for entry in entries:
-        if entry.meta["kind"] == TRUTH:
-            truths.setdefault(entry.meta["case"]["name"], []).append(entry)
-    newest = {name: held[-1].meta["version"] for name, held in truths.items()}
-    for entry in entries:  # a case may hold nothing but refusals, or have failed before its truth was stored
-        newest.setdefault(entry.meta["case"]["name"], entry.meta["truth_version"])
+    told = {e.meta["version"] for e in entries if e.meta["kind"] == TRUTH}
+    # What ran last counts. Versions whose truth is stored come first: a case may hold nothing but refusals, or have failed
+    # before its truth was stored.
+    by_truth = sorted(entries, key=lambda e: e.meta["truth_version"] in told)
+    newest = {e.meta["case"]["name"]: e.meta["truth_version"] for e in by_truth}
     current = [e for e in entries if e.meta["truth_version"] == newest[e.meta["case"]["name"]]]
     cases: dict[str, CaseResults] = {}
     for name in _ordered(list(newest), case_order):

@@ -1,8 +1,11 @@
 """Tables of scores, and which estimator is best where the intervals support it."""
 
+import itertools
 import json
 import math
+import multiprocessing
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,9 +13,9 @@ import numpy as np
 import pandas
 
 from suite.case import RECORDED
-from suite.diagnosis import remarks
+from suite.diagnosis import barred, remarks
 from suite.linalg import Array
-from suite.metrics import SURVIVING, Metric, Score, counted
+from suite.metrics import METRICS, SURVIVING, Metric, Score, counted
 from suite.results import CaseResults, Cell, Results
 from suite.statistics import LEVEL, Resampled, below_zero
 
@@ -25,15 +28,24 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def table(results: Results, metrics: Sequence[Metric], cases: Iterable[str], estimators: Iterable[str]) -> pandas.DataFrame:
+def table(
+    results: Results, metrics: Sequence[Metric], cases: Iterable[str], estimators: Iterable[str], jobs: int = 1
+) -> pandas.DataFrame:
     """One row per case, estimator, metric and block; refused and failed cells keep a row that says why."""
     cases, estimators = set(cases), set(estimators)
-    rows = [row for case in results.cases.values() if case.card.name in cases for row in _case_rows(case, metrics, estimators)]
+    chosen = [case for case in results.cases.values() if case.card.name in cases]
+    wanted = [metric.name for metric in metrics], estimators
+    if jobs > 1 and len(chosen) > 1:
+        with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+            found = list(pool.map(_case_rows, chosen, *map(itertools.repeat, wanted)))
+    else:
+        found = [_case_rows(case, *wanted) for case in chosen]
+    rows = itertools.chain.from_iterable(found)
     return pandas.DataFrame(rows, columns=list(COLUMNS)).astype({"runs": "Int64", "total": "Int64"})
 
 
-def _case_rows(case: CaseResults, metrics: Sequence[Metric], estimators: set[str]) -> list[dict[str, Any]]:
-    rows = []
+def _case_rows(case: CaseResults, names: Sequence[str], estimators: set[str]) -> list[dict[str, Any]]:
+    rows, metrics = [], [METRICS[name] for name in names]
     marks = standings(case, metrics)
     for label, cell in case.cells.items():
         if label not in estimators:
@@ -52,9 +64,9 @@ def _case_rows(case: CaseResults, metrics: Sequence[Metric], estimators: set[str
 
 
 def scores(cell: Cell, metric: Metric) -> dict[str, Score]:
-    """A cell's scores by block; rates on a recording without interval: its runs are of the same data, and may be copies."""
+    """A cell's scores by block; shares on a recording without interval: its runs are of the same data, and may be copies."""
     found = cell.scores(metric)
-    if cell.case.card.origin != RECORDED or not metric.binomial:
+    if cell.case.card.origin != RECORDED or metric.timed or not (metric.binomial or metric.exact):
         return found
     return {block: replace(score, low=math.nan, high=math.nan) for block, score in found.items()}
 
@@ -87,9 +99,12 @@ def all_survived(runs: Mapping[tuple[str, str, str], int]) -> bool:
 
 def standings(case: CaseResults, metrics: Sequence[Metric]) -> dict[tuple[str, str], dict[str, str]]:
     """For every metric and block by which estimators are ranked, the one that is best, or those that tie for it, by label."""
-    barred = {label for label, cell in case.cells.items() if any(remark.bars for remark in remarks(cell))}
+    said = {label: remarks(cell) for label, cell in case.cells.items()}
     keys = {(m.name, block): m for m in metrics if m.ranked for cell in case.cells.values() for block in cell.scores(m)}
-    return {key: _standing(case, key[1], metric, barred) for key, metric in keys.items()}
+    return {
+        key: _standing(case, key[1], metric, {label for label, found in said.items() if barred(found, metric)})
+        for key, metric in keys.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -104,7 +119,7 @@ class _Candidate:
         return metric.resampled(self.contributions if whole else self.contributions[..., [self.runs.index(r) for r in runs]])
 
 
-def _standing(case: CaseResults, block: str, metric: Metric, barred: Collection[str]) -> dict[str, str]:
+def _standing(case: CaseResults, block: str, metric: Metric, aside: Collection[str]) -> dict[str, str]:
     """Best: every other estimator is worse beyond chance. Tied: the runs cannot tell which of the marked ones is best.
 
     The marked ones hold the best with 95 % confidence: each of the others is worse than one of them by a two-sided paired
@@ -120,7 +135,7 @@ def _standing(case: CaseResults, block: str, metric: Metric, barred: Collection[
     for label, cell in scored.items():
         score = cell.scores(metric)[block]
         whole = cell.counts.get("lost", 0) + cell.counts.get("failed", 0) == 0
-        if whole and (metric.timed or label not in barred) and np.isfinite(score.value) and score.runs > 1:
+        if whole and label not in aside and np.isfinite(score.value) and score.runs > 1:
             values = cell.contributions(metric)[block]
             numbers = np.arange(values.shape[-1]) if metric.timed else np.asarray(cell.runs)
             known = counted(values)

@@ -105,7 +105,8 @@ def positive_jackknife(sample: Resampled, level: float = LEVEL) -> tuple[Array, 
     interval from the smallest value that it would have without some run.
     """
     value, left_out = sample.value, sample.left_out
-    low, high = (np.exp(end) for end in jackknife(sample.map(np.log), level))
+    with np.errstate(over="ignore"):
+        low, high = (np.exp(end) for end in jackknife(sample.map(np.log), level))
     plain_low, plain_high = jackknife(sample, level)
     zero = (left_out == 0).any(1) | (value == 0)
     low, high = np.where(zero, np.maximum(plain_low, 0.0), low), np.where(zero, plain_high, high)

@@ -235,7 +235,7 @@ def _array(column: pa.ChunkedArray) -> Any:
     if pa.types.is_list(column.type):
         return chunk.flatten().to_numpy(zero_copy_only=False).reshape(len(chunk), -1)
     if pa.types.is_dictionary(column.type):
-        return chunk.to_pylist()
+        return np.array(chunk.dictionary.to_pylist(), object)[chunk.indices.to_numpy()].tolist()
     return chunk.to_numpy(zero_copy_only=False)
 
 

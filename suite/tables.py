@@ -110,6 +110,9 @@ def print_scores(frame: Any) -> None:
         print_table(
             f"{case}, seed {group.seed.iloc[0]}", ("estimator", "metric", "value", "95 % interval", "runs", "standing"), rows
         )
+        for label, said, why in group[["estimator", "remarks", "reason"]].drop_duplicates().itertuples(index=False):
+            if said:
+                print(f"{label}: {said}" + (f"; {why}" if why else ""))
 
 
 def frame_of(records: Sequence[Any]) -> pandas.DataFrame:
@@ -128,7 +131,7 @@ def print_comparisons(found: Sequence[Comparison]) -> None:
     for case in dict.fromkeys(c.case for c in found):
         rows = []
         for c in (one for one in found if one.case == case):
-            values = [f"{value:.4g} {c.unit}".strip() for value in (c.value, c.reference_value)]
+            values = [f"{value:.4g} {c.unit}".strip() if value == value else "none" for value in (c.value, c.reference_value)]
             apart = _interval(c.ratio) or _interval(c.difference, "+")
             effect, p = (f"{number:.2g}" if number == number else "" for number in (c.effect.value, c.holm))
             runs = (

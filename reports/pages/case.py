@@ -90,3 +90,5 @@ def _plugins(text: str) -> Iterator[str]:
             yield following
         elif word.startswith("--plugin="):
             yield word.partition("=")[2]
+        elif word.endswith(".toml"):  # a recording that was named among the cases is a plug-in too
+            yield word

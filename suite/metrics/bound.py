@@ -7,6 +7,7 @@ from suite.case import FROM_ANOTHER, FROM_MODEL
 from suite.linalg import Array
 from suite.metrics.evidence import Evidence
 from suite.metrics.metric import Contributions, Metric
+from suite.statistics import means, positive_jackknife
 
 
 def over_bound(e: Evidence) -> Contributions:
@@ -43,16 +44,19 @@ def against_spread(e: Evidence) -> Contributions:
 
     Nothing where truths are not drawn, or do not differ.
     """
-    runs = e.truth.x.shape[2]
-    if e.case.origin not in (FROM_MODEL, FROM_ANOTHER) or runs < 2:
+    if e.case.origin not in (FROM_MODEL, FROM_ANOTHER):
         return {}
-    away = (e.truth.x - e.truth.x.mean(2, keepdims=True)) ** 2 * runs / (runs - 1)
+    runs = np.isfinite(e.truth.x).sum(2, keepdims=True)
+    mean = np.nansum(e.truth.x, axis=2, keepdims=True) / runs
+    away = (e.truth.x - mean) ** 2 * np.where(runs > 1, runs / (runs - 1), np.nan)
     found = {}
     for block in e.case.blocks:
         at = list(block.components)
-        spread = away[:, at].sum((0, 1))
+        known = np.isfinite(away[:, at]).all(1)
+        spread = np.where(known, away[:, at].sum(1), 0.0).sum(0)
         if spread.mean() > len(away) * (e.negligible[at] ** 2).sum():
-            found[block.name] = np.stack([e.squared_error[block.name].sum(0), spread])
+            sums = np.stack([np.where(known, e.squared_error[block.name], 0.0).sum(0), spread])
+            found[block.name] = np.where(known.any(0), sums, np.nan)
     return found
 
 
@@ -64,6 +68,13 @@ def ratio(moments: Array) -> Array:
 def complement_of_ratio(moments: Array) -> Array:
     """One minus the first of two means over the second [1, B]."""
     return 1 - ratio(moments)
+
+
+def explained(moments: Array) -> tuple[float, float, float]:
+    """One minus the first of two means over the second, and its interval, which is not above 1."""
+    sample = means(moments).map(ratio)
+    low, high = positive_jackknife(sample)
+    return 1 - float(sample.value[0]), 1 - float(high[0]), 1 - float(low[0])
 
 
 CRLB_RATIO = Metric(
@@ -109,6 +120,7 @@ SKILL = Metric(
     reference="A. H. Murphy, Skill scores based on the mean square error, Monthly Weather Review 116(12), 1988",
     fn=against_spread,
     link=complement_of_ratio,
+    exact=explained,
     signed=True,
 )
 LAG = Metric(

@@ -188,6 +188,7 @@ PIT = Metric(
     fn=transformed,
     statistic=uneven,
     exact=uneven_interval,
+    ranked=False,
 )
 ENERGY = Metric(
     name="energy-score",

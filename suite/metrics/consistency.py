@@ -1,5 +1,7 @@
 """Whether an estimator's covariance agrees with its errors, and with its innovations, which needs no truth."""
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.special import gammaincinv
 
@@ -81,29 +83,42 @@ def distance_and_error(e: Evidence) -> Contributions:
 
 def inclination(contributions: Array) -> Resampled:
     """Mean over runs and time of 10 log₁₀ ρ [1], from `distance_and_error`."""
-    return _against_actual(contributions, np.positive)
+    return _against_actual(contributions.tobytes(), contributions.shape)[0]
 
 
 def noncredibility(contributions: Array) -> Resampled:
     """Mean over runs and time of 10 |log₁₀ ρ| [1], from `distance_and_error`."""
-    return _against_actual(contributions, np.abs)
+    return _against_actual(contributions.tobytes(), contributions.shape)[1]
 
 
-def _against_actual(contributions: Array, measure: np.ufunc) -> Resampled:
-    """Mean over the steps at which it is known, of all runs and without each in turn. Runs without error do not count there."""
-    runs = contributions.shape[-1]
-    whole, left_out = np.full(len(contributions), np.nan), np.full((len(contributions), runs), np.nan)
+def without_interval(contributions: Array) -> tuple[float, float, float]:
+    """The index, of which no interval would hold the value of a right filter: of few runs all are above it."""
+    return float(noncredibility(contributions).value[0]), np.nan, np.nan
+
+
+@lru_cache(maxsize=64)
+def _against_actual(data: bytes, shape: tuple[int, ...]) -> tuple[Resampled, Resampled]:
+    """Means of 10 log₁₀ ρ and of its size over the steps at which it is known, of all runs and without each in turn.
+
+    Runs without error do not count there. Kept from one call to the next: two metrics ask for the two.
+    """
+    contributions = np.frombuffer(data).reshape(shape)
+    runs = shape[-1]
+    whole, left_out = np.full((2, shape[0]), np.nan), np.full((2, shape[0], runs), np.nan)
     for k, (distance, *error) in enumerate(contributions):
         known = distance > 0
         with np.errstate(divide="ignore", invalid="ignore"):  # where a run is alone in a direction
-            whole[k], without = _at_step(distance[known], np.array(error)[:, known], measure)
-        left_out[k] = whole[k]
-        left_out[k, known] = without
-    return Resampled(mean_over_time(whole[:, None])[0], mean_over_time(left_out))
+            whole[:, k], without = _at_step(distance[known], np.array(error)[:, known])
+        left_out[:, k] = whole[:, k, None]
+        left_out[:, k, known] = without
+    signed, sizes = (
+        Resampled(mean_over_time(value[:, None])[0], mean_over_time(rest)) for value, rest in zip(whole, left_out, strict=True)
+    )
+    return signed, sizes
 
 
-def _at_step(distance: Array, error: Array, measure: np.ufunc) -> tuple[float, Array]:
-    """The mean over runs of a measure of 10 log₁₀ ρ of distance[R] and error[n, R], and without each run in turn [R].
+def _at_step(distance: Array, error: Array) -> tuple[Array, Array]:
+    """The means over runs [2] of 10 log₁₀ ρ, and of its size, of distance[R] and error[n, R]; without each run in turn [2, R].
 
     NaN where there are not more runs than dimensions. With Σ the mean of e eᵀ over runs and h_rs = e_rᵀ Σ⁻¹ e_s, leaving out
     run r makes h_ss (R - 1) / R [h_ss + h_rs² / (R - h_rr)] (Sherman and Morrison).
@@ -111,25 +126,25 @@ def _at_step(distance: Array, error: Array, measure: np.ufunc) -> tuple[float, A
     white = _whitened(error)
     dimension, runs = white.shape
     if runs <= dimension or not runs:
-        return np.nan, np.full(runs, np.nan)
+        return np.full(2, np.nan), np.full((2, runs), np.nan)
     inner = white.T @ white
     own = np.diagonal(inner).copy()
     given = DECIBEL * np.log(distance)
-    value = float(measure(given - DECIBEL * np.log(own)).mean())
+    each = given - DECIBEL * np.log(own)
+    value = np.array([each.mean(), np.abs(each).mean()])
     if runs - 1 <= dimension:
-        return value, np.full(runs, np.nan)
+        return value, np.full((2, runs), np.nan)
     inner *= inner  # in place: this is done at every step
     inner /= (runs - own)[:, None]
     inner += own
     terms = np.log(inner, out=inner)
     terms *= -DECIBEL
     terms += given - DECIBEL * np.log((runs - 1) / runs)
-    terms = measure(terms, out=terms)
     np.fill_diagonal(terms, 0.0)
-    left_out = terms.sum(1) / (runs - 1)
+    left_out = np.stack([terms.sum(1), np.abs(terms, out=terms).sum(1)]) / (runs - 1)
     for r in np.flatnonzero(runs - own < ALONE * runs):
         others = np.arange(runs) != r
-        left_out[r] = _at_step(distance[others], error[:, others], measure)[0]
+        left_out[:, r] = _at_step(distance[others], error[:, others])[0]
     return value, left_out
 
 
@@ -217,11 +232,13 @@ NCI = Metric(
     "ratio of the two distances in decibels, whichever is larger, mean over runs and steps. 0 for a filter whose covariance is "
     "right, 3 for one that is wrong by a factor of 2 in every run. Σ is that of the runs at each step; there must be more of "
     "them than components of the state. Since it is known from R runs only, a filter that is right has about 5/√R dB; the "
-    "value is left so, and the interval makes up for a part of it.",
+    "value is left so, has no interval, and ranks nobody.",
     reference="X. R. Li, Z. Zhao, Measuring estimator's credibility: noncredibility index, 9th International Conference on "
     "Information Fusion, 2006",
     fn=distance_and_error,
     statistic=noncredibility,
+    exact=without_interval,
+    ranked=False,
 )
 INCLINATION = Metric(
     name="inclination",

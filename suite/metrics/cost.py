@@ -162,12 +162,13 @@ PARTICLE_THROUGHPUT = Metric(
     better="higher",
     formula=r"\frac{N\,R\,T}{\text{seconds}}",
     words="Steps of particles computed a second when many runs are filtered together: the throughput times the number of "
-    "particles that the estimator is set to. It compares what particle filters do for each particle, whatever their number. "
-    "There is none for an estimator without particles.",
+    "particles that the estimator is set to. Filters that carry as many in each mode, or in each of two filters, do so many "
+    "times more, so estimators are not ranked by it. There is none for an estimator without particles.",
     reference=HERE,
     fn=seconds_per_particle_step,
     link=np.reciprocal,
     timed=True,
+    ranked=False,
 )
 MEMORY = Metric(
     name="memory",

@@ -99,7 +99,7 @@ MEAN_ERROR = Metric(
     better="lower",
     formula=r"\frac{1}{R\,T} \sum_{r=1}^{R} \sum_{k=1}^{T} \left\| \hat x_{b,k}^{(r)} - x_{b,k}^{(r)} \right\|",
     words="Mean over runs and time of the Euclidean error of a block of the state; with regions also over the steps at which "
-    "the truth is inside, or outside, of each.",
+    "the truth is inside, or outside, of each: first over the runs that are there at a step, then over steps.",
     reference="M. Benko, P. Kulmon, Aplikácia časticových filtrov na merania multistatického radaru (in Slovak), table 1",
     fn=euclidean,
 )

@@ -109,7 +109,9 @@ class Metric:
             unit = next((b.unit for b in case.blocks if case.state.index(name) in b.components), "")
         else:
             unit = case.block(name).unit
-        return f"({unit})²" if unit and self.unit != "block" else unit
+        if not unit or self.unit == "block":
+            return unit
+        return f"{unit}²" if unit.isalpha() else f"({unit})²"
 
     def score(self, contributions: Array, unit: str, total: int) -> Score:
         """Value and interval from the contributions [..., R] of the runs, out of `total`."""

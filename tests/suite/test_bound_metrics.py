@@ -12,7 +12,8 @@ from suite.case import FROM_ANOTHER, GIVEN_TRACK, RECORDED, Card, Divergence, St
 from suite.case_bounds import BlockBound, bounds_of
 from suite.estimator import FAILED, OK, Estimate
 from suite.metrics import METRICS, Evidence
-from suite.statistics import jackknife, positive_jackknife
+from suite.metrics.bound import ratio
+from suite.statistics import jackknife, means, positive_jackknife
 
 CARD = Card(
     name="toy", title="", summary="", steps=3, interval=1.0, state=("x", "y", "v"),
@@ -202,7 +203,31 @@ def test_too_small_a_gain_is_a_positive_lag():
 
 
 def test_signed_metrics_keep_plain_intervals_and_others_positive_ones():
-    for name, kind in (("lag", jackknife), ("skill", jackknife), ("crlb-ratio", positive_jackknife)):
+    for name, kind in (("lag", jackknife), ("crlb-ratio", positive_jackknife)):
         found, metric = apart(name)["velocity"][..., :RUNS], METRICS[name]
         score, (low, high) = metric.score(found, "", RUNS), kind(metric.resampled(found))
         assert (score.low, score.high) == pytest.approx((low[0], high[0]))
+
+
+def test_skill_leaves_out_what_is_not_known_of_the_truth():
+    x = TRUTH.x[..., :6].copy()
+    x[3, :, 0] = np.nan
+    estimate = Estimate(EXACT.mean[..., :6], EXACT.cov[..., :6])
+    found = METRICS["skill"](CASE, Truth(x, TRUTH.y[..., :6]), estimate)["position"]
+    wrong = spread = 0.0
+    for k in range(len(x)):
+        known = ~np.isnan(x[k, 0])
+        place = x[k][[0, 2]][:, known]
+        wrong += ((estimate.mean[k][[0, 2]][:, known] - place) ** 2).sum()
+        spread += place.var(axis=1, ddof=1).sum() * known.sum()
+    assert found.value == pytest.approx(1 - wrong / spread)
+    assert found.runs == 6
+
+
+def test_the_interval_of_skill_stays_below_one():
+    for runs in (2, 3, 12):
+        found = apart("skill")["velocity"][..., :runs]
+        score = METRICS["skill"].score(found, "", runs)
+        assert score.low < score.value < score.high < 1
+        low, high = positive_jackknife(means(found).map(ratio))
+        assert (1 - score.high, 1 - score.low) == pytest.approx((low[0], high[0]))

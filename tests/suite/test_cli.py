@@ -53,7 +53,7 @@ ROOT = Path(__file__).resolve().parents[2]
         (["run", "--profile", "slow"], "invalid choice: 'slow'"),
         (["score", "--format", "xml"], "invalid choice: 'xml'"),
         (["list", "filters"], "invalid choice: 'filters'"),
-        (["list", "metrics", "whitness"], "no metric matches 'whitness'; did you mean 'whiteness'?"),
+        (["list", "metrics", "brierr"], "no metric matches 'brierr'; did you mean 'brier'?"),
     ],
     ids=lambda value: " ".join(value)[:40] if isinstance(value, list) else "",
 )
@@ -130,7 +130,7 @@ def test_names_that_are_not_stored(cli, tiny, tmp_path):
     for option, name, words in (
         ("-e", "lost", "no stored estimator matches 'lost'; did you mean 'last'?"),
         ("-c", "tini", "no stored case matches 'tini'; did you mean 'tiny'?"),
-        ("-m", "whitness", "no metric matches 'whitness'; did you mean 'whiteness'?"),
+        ("-m", "brierr", "no metric matches 'brierr'; did you mean 'brier'?"),
     ):
         said = cli("score", "--results", tmp_path / "results", option, name)
         assert said.code == 2

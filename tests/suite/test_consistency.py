@@ -127,7 +127,9 @@ def test_components_that_are_certain_do_not_count_and_a_run_without_error_is_lef
     truth.x[:, 1], estimate.cov[:, 1], estimate.cov[:, :, 1] = 1, 0, 0
     estimate.mean[:, 1] = 1 + 1e-15 * estimate.mean[:, 0]  # rounding
     score = METRICS[name](CARD, truth, estimate)["state"]
-    assert [score.value, score.low, score.high] == pytest.approx([expected.value, expected.low, expected.high], rel=1e-9)
+    assert [score.value, score.low, score.high] == pytest.approx(
+        [expected.value, expected.low, expected.high], rel=1e-9, nan_ok=name == "nci"
+    )
     estimate.mean[1, :, 3] = truth.x[1, :, 3]
     assert METRICS[name](CARD, truth, estimate)["state"].value == pytest.approx(
         by_definition(name, *without_component(truth, estimate, nobody=(1, 3)), np.arange(9)), rel=1e-9
@@ -145,7 +147,8 @@ def without_component(truth, estimate, nobody):
 def test_there_must_be_more_runs_than_dimensions(name):
     scores = {runs: METRICS[name](CARD, *drawn(runs))["state"] for runs in (1, 3, 4, 5)}
     assert [np.isfinite(s.value) for s in scores.values()] == [False, False, True, True]
-    assert [np.isfinite(s.low) and np.isfinite(s.high) for s in scores.values()] == [False, False, False, True]
+    bounded = [np.isfinite(s.low) and np.isfinite(s.high) for s in scores.values()]
+    assert bounded == [False, False, False, name == "inclination"]
 
 
 @pytest.mark.parametrize("name", CREDIBILITY)

@@ -133,7 +133,7 @@ def test_words_say_by_how_much():
     score = METRICS["crlb-ratio"](CASE, TRUTH, Estimate(nearer(0.5), EXACT.cov), bounds=[BOUND])["position"]
     said = f"{score.value:.3g} [{score.low:.3g}, {score.high:.3g}]"
     assert words["too good"] == f"RMSE of position only {said} of a bound that no estimator can beat"
-    assert remarks(cell(cov=0 * EXACT.cov))[0].words == "its covariance singular at some steps"
+    assert remarks(cell(cov=0 * EXACT.cov))[0].words.startswith("squared errors endlessly larger")
 
 
 def test_exact_filters_are_hardly_ever_accused():
