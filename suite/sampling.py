@@ -121,7 +121,7 @@ def summary(found: Iterable[Sequence[Standing]], most: int) -> list[tuple[str, .
         verdict = "narrow enough" if s.reached else f"stopped at {most} runs"
         if math.isnan(s.excess):
             width, verdict = "none", "has no interval"
-        value = f"{s.score.value:.4g} {s.score.unit}".strip()
+        value = f"{s.score.value:.4g} {s.score.unit}".strip() if s.score.runs else "none"
         runs = f"{s.score.runs} of {s.score.total}"
         rows.append((s.case, s.estimator, f"{s.goal.metric.name}:{s.block}", value, width, allowed, runs, verdict))
     return rows
