@@ -71,7 +71,7 @@ def _run(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=_integer(0), default=1, metavar="S", help="seed of all random streams (default: 1)")
     add("--jobs", type=_integer(1), default=1, metavar="J", help="worker processes (default: 1)")
     add("--block", type=_integer(1), metavar="N", help="runs in a block of work (default: the profile's)")
-    add("--time-limit", type=_seconds, metavar="SECONDS", help="for one block of work (default: the profile's)")
+    add("--time-limit", type=_SECONDS, metavar="SECONDS", help="for one block of work (default: the profile's)")
     add("--results", default="results", metavar="DIR", help="results folder (default: results)")
     add("--retry-failed", action="store_true", help="run again the stored blocks in which something failed")
     add("--dry-run", action="store_true", help="say what would run, and run nothing")
@@ -80,8 +80,7 @@ def _run(parser: argparse.ArgumentParser) -> None:
 def _score(parser: argparse.ArgumentParser) -> None:
     _selection(parser)
     _several(parser, "-m", "--metric", "metrics")
-    _stored(parser)
-    parser.add_argument("--format", choices=("table", "csv", "json"), default="table", help="how to print (default: table)")
+    _printed(parser)
     words = "JSON files of pytest-benchmark, whose times are shown below the scores"
     parser.add_argument("--benchmarks", action="extend", nargs="+", default=[], metavar="FILE", help=words)
 
@@ -92,20 +91,18 @@ def _compare(parser: argparse.ArgumentParser) -> None:
     _selection(parser)
     _several(parser, "-m", "--metric", "metrics", "rmse")
     words = "differences within this do not matter: of the value, or of one unit where a value may be negative (default: 5%%)"
-    add("--zone", type=_percentage, default="5%", metavar="P%", help=words)
+    add("--zone", type=_PERCENTAGE, default="5%", metavar="P%", help=words)
     words = "test the states themselves, component by component and region, as the multistatic paper does"
     add("--states", action="store_true", help=words)
     add("--run", type=_integer(0), metavar="R", help="run whose states are tested over its steps (default: the first)")
-    _stored(parser)
-    add("--format", choices=("table", "csv", "json"), default="table", help="how to print (default: table)")
+    _printed(parser)
 
 
 def _detect(parser: argparse.ArgumentParser) -> None:
     _selection(parser)
     words = "probability of an alarm in a run without manoeuvres (default: of 0.01 to 0.5 what the runs are enough for)"
-    parser.add_argument("--level", type=_probability, nargs="+", action="extend", default=[], metavar="L", help=words)
-    _stored(parser)
-    parser.add_argument("--format", choices=("table", "csv", "json"), default="table", help="how to print (default: table)")
+    parser.add_argument("--level", type=_PROBABILITY, nargs="+", action="extend", default=[], metavar="L", help=words)
+    _printed(parser)
 
 
 def _fit_together(options: argparse.Namespace) -> None:
@@ -148,6 +145,11 @@ def _stored(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=_integer(0), metavar="S", help="what was run with this seed (default: the newest)")
 
 
+def _printed(parser: argparse.ArgumentParser) -> None:
+    _stored(parser)
+    parser.add_argument("--format", choices=("table", "csv", "json"), default="table", help="how to print (default: table)")
+
+
 def _integer(low: int) -> Callable[[str], int]:
     def parse_integer(text: str) -> int:
         try:
@@ -161,31 +163,21 @@ def _integer(low: int) -> Callable[[str], int]:
     return parse_integer
 
 
-def _percentage(text: str) -> float:
-    try:
-        value = float(text.removesuffix("%")) / 100 if text.endswith("%") else float("nan")
-    except ValueError:
-        value = float("nan")
-    if not 0 < value < 1:
-        raise argparse.ArgumentTypeError(f"must be a percentage between 0% and 100%, such as 5%, got {text!r}")
-    return value
+def _number(high: float, words: str, ending: str = "", divisor: float = 1.0) -> Callable[[str], float]:
+    """Numbers between 0 and `high`, both excluded, that stand with an ending; what it stands for is divided by."""
+
+    def parse_number(text: str) -> float:
+        try:
+            value = float(text.removesuffix(ending)) if text.endswith(ending) else float("nan")
+        except ValueError:
+            value = float("nan")
+        if not 0 < value < high:
+            raise argparse.ArgumentTypeError(f"must be {words}, got {text!r}")
+        return value / divisor
+
+    return parse_number
 
 
-def _probability(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0 < value < 1:
-        raise argparse.ArgumentTypeError(f"must be between 0 and 1, got {text!r}")
-    return value
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"must be a positive number of seconds, got {text!r}")
-    return value
+_PERCENTAGE = _number(100, "a percentage between 0% and 100%, such as 5%", "%", 100)
+_PROBABILITY = _number(1, "between 0 and 1")
+_SECONDS = _number(float("inf"), "a positive number of seconds")

@@ -4,7 +4,6 @@ import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pandas
 from suite.errors import BadInput, one_line
 from suite.metrics import METRICS
 from suite.metrics.cost import quantile_ranks
+from suite.registry import matches
 from suite.tables import print_table
 
 Row = dict[str, Any]
@@ -48,11 +48,7 @@ def select(paths: Iterable[str], cases: Sequence[str], estimators: Sequence[str]
     """The rows of some files that match the patterns given; no patterns match all."""
     wanted = {"case": cases, "estimator": estimators, "metric": metrics}
     rows = [row for path in paths for row in read(path)]
-    return [row for row in rows if all(_fits(row.get(kind, ""), patterns) for kind, patterns in wanted.items())]
-
-
-def _fits(name: str, patterns: Sequence[str]) -> bool:
-    return not patterns or any(name == p or fnmatchcase(name, p) for p in patterns)
+    return [row for row in rows if all(matches(row.get(kind, ""), patterns) for kind, patterns in wanted.items())]
 
 
 def joined(frame: pandas.DataFrame, rows: Sequence[Row]) -> pandas.DataFrame:

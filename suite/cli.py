@@ -8,7 +8,6 @@ import os
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ from suite.metrics import METRICS
 from suite.notices import BAD, DONE, INTERRUPTED, TROUBLE, announce, complain, conclude, show
 from suite.problems import PROBLEMS
 from suite.progress import Progress
-from suite.registry import Catalog, catalog
+from suite.registry import Catalog, catalog, matches
 from suite.run import Outcome, execute
 from suite.state_tests import TRUTH, state_tests
 from suite.store import Store
@@ -177,7 +176,7 @@ def _short(chosen: Chosen, runs: Mapping[Case, int], goals: Sequence[sampling.Go
     """The cases whose intervals are too wide yet, with the runs they need; where there is none, says how wide all are."""
     loaded = results.load(options.results, seed=options.seed)
     found = {
-        case: sampling.standings(loaded.cases[case.name], map(parameters.label, estimators), goals)
+        case: sampling.reaches(loaded.cases[case.name], map(parameters.label, estimators), goals)
         for case, estimators in chosen.items()
         if case.name in loaded.cases
     }
@@ -276,11 +275,11 @@ def _load(options: argparse.Namespace) -> results.Results:
 
 
 def _matching(kind: str, known: Any, patterns: Sequence[str]) -> list[str]:
-    """Stored names that match any pattern; a name in full, brackets included, matches itself."""
+    """Stored names that match any pattern. Raises BadInput where a pattern matches none."""
     names = list(known)
-    found = [n for n in names if not patterns or any(n == p or fnmatchcase(n, p) for p in patterns)]
+    found = [n for n in names if matches(n, patterns)]
     for pattern in patterns:
-        if not any(n == pattern or fnmatchcase(n, pattern) for n in names):
+        if not any(matches(n, [pattern]) for n in names):
             raise BadInput(f"no stored {kind} matches {pattern!r}; {near(pattern.strip('*?'), names)}")
     return found
 

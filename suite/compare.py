@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from suite.case import RECORDED
-from suite.diagnosis import remarks
+from suite.diagnosis import in_words, remarks
 from suite.differences import NONE, Gap, Interval, effect_size, gap, holm, rates_apart, sign_test, win_probability, wins
 from suite.errors import BadInput
 from suite.linalg import Array
 from suite.metrics import SURVIVING, Metric, counted
 from suite.results import CaseResults, Cell
-from suite.score import ROUNDING, loss
+from suite.score import ROUNDING, faced, loss, miss
 from suite.statistics import LEVEL, Resampled, mean_over_time
 
 ZONE = 0.05
@@ -90,7 +90,7 @@ def _of_case(case: CaseResults, metric: Metric, reference: str, labels: set[str]
     for label, cell in case.cells.items():
         if label not in labels:
             continue
-        said = "; ".join(remark.words for remark in remarks(cell))
+        said = in_words(remarks(cell))
         mine = {block: _Side(metric, cell, block) for block in blocks if block in cell.contributions(metric)}
         for block, side in mine.items():
             whole = block.removesuffix(f", {SURVIVING}")
@@ -194,17 +194,10 @@ def _compared(mine: _Side, theirs: _Side, zone: float, said: str) -> Comparison:
 def gaps(metric: Metric, one: Resampled, other: Resampled, paired: bool = True) -> list[Gap]:
     """The differences that must all be sure for one score to be better than another; better if their product is negative.
 
-    What misses a target by less than another does is on this side of that other, and of its mirror image about the target. The
-    sizes of the misses cannot be tested: they have a corner at the target, where the jackknife fails.
+    What misses a target by less than another does lies between that other and its mirror image, see `faced`.
     """
-
-    def miss(value: Array) -> Array:
-        size = loss(metric, value)
-        return size if isinstance(metric.better, str) else np.copysign(size, value - metric.better)
-
-    mine, theirs = one.map(miss), other.map(miss)
-    mirrored = [] if isinstance(metric.better, str) else [gap(mine, theirs.map(np.negative), paired)]
-    return [gap(mine, theirs, paired), *mirrored]
+    mine, theirs = (sample.map(lambda value: miss(metric, value)) for sample in (one, other))
+    return [gap(mine, each, paired) for each in faced(metric, theirs)]
 
 
 def _negligible(c: Comparison, metric: Metric, zone: float) -> bool:

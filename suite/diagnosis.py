@@ -43,6 +43,11 @@ def remarks(cell: Cell) -> list[Remark]:
     return [remark for look in looks for remark in look(cell)] if cell.runs else []
 
 
+def in_words(found: Sequence[Remark]) -> str:
+    """Remarks in one line."""
+    return "; ".join(remark.words for remark in found)
+
+
 def barred(found: Sequence[Remark], metric: Metric) -> bool:
     """Whether remarks keep an estimator from a place by a metric: not by running time, nor by what its statistic detects."""
     return not metric.timed and metric.family != "detection" and any(remark.bars for remark in found)

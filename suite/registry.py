@@ -22,6 +22,11 @@ from suite.estimator import Estimator
 T = TypeVar("T")
 
 
+def matches(name: str, patterns: Sequence[str]) -> bool:
+    """Whether a name matches any of the patterns, or there are none; a name in full, brackets included, matches itself."""
+    return not patterns or any(name == pattern or fnmatchcase(name, pattern) for pattern in patterns)
+
+
 class Registry(Mapping[str, T], Generic[T]):
     """Entries by name, in report order. `registry["name[parameter=value]"]` gives a variant of an estimator."""
 

@@ -43,7 +43,7 @@ class Goal:
 
 
 @dataclass(frozen=True)
-class Standing:
+class Reach:
     """How far the score of an estimator is from its goal."""
 
     case: str
@@ -81,7 +81,7 @@ def goal(what: str, width: str) -> Goal:
     return Goal(metric, block or "*", size / 100 if match[2] else size, bool(match[2]))
 
 
-def standings(case: CaseResults, estimators: Iterable[str], goals: Sequence[Goal]) -> list[Standing]:
+def reaches(case: CaseResults, estimators: Iterable[str], goals: Sequence[Goal]) -> list[Reach]:
     """How far the scores of a case are from the goals. Raises BadInput when none is meant by a goal."""
     cells = [case.cells[label] for label in estimators if label in case.cells and case.cells[label].runs]
     found = []
@@ -91,7 +91,7 @@ def standings(case: CaseResults, estimators: Iterable[str], goals: Sequence[Goal
             blocks = sorted({block for cell in cells for block in cell.scores(each.metric) if SURVIVING not in block})
             said = f"it has {', '.join(blocks)}" if blocks else "no estimator has any"
             raise BadInput(f"--until {each}: {case.card.name} has no such score; {said}")
-        found += [Standing(case.card.name, cell.label, each, block, score) for cell, block, score in meant]
+        found += [Reach(case.card.name, cell.label, each, block, score) for cell, block, score in meant]
     return found
 
 
@@ -99,20 +99,20 @@ def _meant(cell: Cell, goal: Goal) -> list[tuple[str, Score]]:
     return [(b, s) for b, s in cell.scores(goal.metric).items() if fnmatchcase(b, goal.block) and SURVIVING not in b]
 
 
-def needed(found: Sequence[Standing], runs: int, most: int) -> int:
+def needed(found: Sequence[Reach], runs: int, most: int) -> int:
     """Runs that a case needs for all its scores to reach their goals, as far as so many runs can tell; `most` at most.
 
     An interval narrows with the root of the runs. A score without an interval, such as one of which all runs failed, asks for
     nothing.
     """
-    excess = [1.0 if standing.excess <= 1 else standing.excess for standing in found if not math.isnan(standing.excess)]
-    if not excess or all(standing.reached or math.isnan(standing.excess) for standing in found):
+    excess = [1.0 if reach.excess <= 1 else reach.excess for reach in found if not math.isnan(reach.excess)]
+    if not excess or all(reach.reached or math.isnan(reach.excess) for reach in found):
         return runs
     wanted = MARGIN * runs * max(excess) ** 2 if max(excess) > 1 else runs
     return max(runs, min(most, max(LEAST, math.ceil(min(wanted, GROWTH * runs)))))
 
 
-def summary(found: Iterable[Sequence[Standing]], most: int) -> list[tuple[str, ...]]:
+def summary(found: Iterable[Sequence[Reach]], most: int) -> list[tuple[str, ...]]:
     """Rows under `HEADER` that tell how wide each score's interval is, of how many runs, and whether that is narrow enough."""
     rows: list[tuple[str, ...]] = []
     for s in itertools.chain.from_iterable(found):

@@ -13,7 +13,7 @@ import numpy as np
 import pandas
 
 from suite.case import RECORDED
-from suite.diagnosis import barred, remarks
+from suite.diagnosis import barred, in_words, remarks
 from suite.linalg import Array
 from suite.metrics import METRICS, SURVIVING, Metric, Score, counted
 from suite.results import CaseResults, Cell, Results
@@ -51,7 +51,7 @@ def _case_rows(case: CaseResults, names: Sequence[str], estimators: set[str]) ->
         if label not in estimators:
             continue
         told = cell.meta.get("told", "")
-        said = "; ".join(remark.words for remark in remarks(cell))
+        said = in_words(remarks(cell))
         base = {"case": case.card.name, "seed": case.seed, "estimator": label, "told": told, "remarks": said, **status(cell)}
         found = [(m, b, s) for m in metrics for b, s in scores(cell, m).items()]
         if not found:
@@ -161,25 +161,30 @@ def _standing(case: CaseResults, block: str, metric: Metric, aside: Collection[s
 def _worse(metric: Metric, mine: Resampled, theirs: Resampled, level: float) -> bool:
     """Whether a score is worse than another of the same runs, beyond chance at this one-sided level.
 
-    What misses a target by more than another does is beyond that other and beyond its mirror image about the target. Sizes of
-    misses are not compared: they have a corner where the jackknife fails, at scores that hit the target.
+    What misses a target by more is beyond all of `faced`, on whichever side of the target it is.
     """
     ratio = all((part > 0).all() for sample in (mine, theirs) for part in (sample.value, sample.left_out))
-    mine, theirs = (sample.map(lambda value: _miss(metric, value, ratio)) for sample in (mine, theirs))
-    gaps = [theirs - mine]
-    if not isinstance(metric.better, str):
-        mirror = Resampled(-theirs.value, -theirs.left_out)
-        gaps = [theirs - mine, mirror - mine] if mine.value[0] > 0 else [mine - theirs, mine - mirror]
+    mine, theirs = (sample.map(lambda value: miss(metric, value, ratio)) for sample in (mine, theirs))
+    above = isinstance(metric.better, str) or mine.value[0] > 0
+    gaps = [other - mine if above else mine - other for other in faced(metric, theirs)]
     return all(gap.centre_and_error()[0][0] < -ROUNDING and below_zero(gap)[0] < level for gap in gaps)
+
+
+def faced(metric: Metric, theirs: Resampled) -> list[Resampled]:
+    """What a score is tested against, as misses: another score, and where there is a target its mirror image about that too.
+
+    Sizes of misses are not tested: they have a corner where the jackknife fails, at scores that hit the target.
+    """
+    return [theirs] if isinstance(metric.better, str) else [theirs, theirs.map(np.negative)]
 
 
 def loss(metric: Metric, value: Array) -> Array:
     """Smaller is better: the logarithm of the value, its negative, or how far it misses its target."""
-    miss = _miss(metric, value)
-    return miss if isinstance(metric.better, str) else np.abs(miss)
+    found = miss(metric, value)
+    return found if isinstance(metric.better, str) else np.abs(found)
 
 
-def _miss(metric: Metric, value: Array, ratio: bool = True) -> Array:
+def miss(metric: Metric, value: Array, ratio: bool = True) -> Array:
     """What a value is above its target, or the value, or its negative where more is better.
 
     Ratios, not differences, of what is never negative: an average over runs that are wild now and then, or over a few timed

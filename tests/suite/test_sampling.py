@@ -7,7 +7,7 @@ import pytest
 
 from suite.errors import BadInput
 from suite.metrics import METRICS, Score
-from suite.sampling import LEAST, Goal, Standing, goal, needed
+from suite.sampling import LEAST, Goal, Reach, goal, needed
 from suite.statistics import means, positive_jackknife
 
 RMSE = METRICS["rmse"]
@@ -15,7 +15,7 @@ RMSE = METRICS["rmse"]
 
 def standing(half, runs, relative=True, width=0.05, value=2.0):
     score = Score(value, value - half, value + half, "m", runs, runs)
-    return Standing("case", "filter", Goal(RMSE, "*", width, relative), "position", score)
+    return Reach("case", "filter", Goal(RMSE, "*", width, relative), "position", score)
 
 
 def test_words_become_a_goal():
@@ -74,7 +74,7 @@ def test_an_interval_that_stopped_the_sampling_covers_nearly_as_often():
         while True:
             sample = means(pool[None, :runs])
             low, high = (float(end[0]) for end in positive_jackknife(sample))
-            found = Standing("", "", Goal(RMSE, "*", 0.1, True), "", Score(float(sample.value[0]), low, high, "", runs, runs))
+            found = Reach("", "", Goal(RMSE, "*", 0.1, True), "", Score(float(sample.value[0]), low, high, "", runs, runs))
             more = needed([found], runs, 4000)
             if more == runs:
                 break
