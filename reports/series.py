@@ -1,6 +1,5 @@
 """What the figures of a case draw: errors over time and tracks on the ground, as plain arrays."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -34,6 +33,12 @@ class Series:
     def hidden(self) -> int:
         """Steps whose value is infinite, or is missing: a line cannot show them."""
         return int((~np.isfinite(self.value)).sum())
+
+    def spread(self, end: Array) -> Array:
+        """An end of the interval over all steps [T], NaN where it was not computed."""
+        whole = np.full(len(self.time), np.nan)
+        whole[self.at] = end
+        return whole
 
 
 @dataclass(frozen=True)
@@ -135,8 +140,3 @@ def band(case: CaseResults, metric: Metric, labels: Sequence[str]) -> Band | Non
     runs = np.minimum(runs, 1) if case.card.origin == RECORDED else runs
     low, high = chi_square_band(np.where(least == most, most, np.nan), runs)
     return Band(low, high, int(runs.max()), int(most.max()))
-
-
-def sampled(steps: int, most: int = 60) -> list[int]:
-    """Steps of a table: all of them, or `most` spread evenly, the first and the last included."""
-    return sorted({math.floor(i) for i in np.linspace(0, steps - 1, min(steps, most)).round()})

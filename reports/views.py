@@ -2,20 +2,24 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from reports.detectors import Detector, detectors
 from reports.text import Quantity, quantity
 from suite.case import RECORDED
 from suite.diagnosis import Remark, barred, remarks
 from suite.metrics import METRICS, SURVIVING, Metric, Score
 from suite.plan import TIMING
+from suite.published import Finding
+from suite.published import Key as FigureKey
 from suite.results import CaseResults, Cell
 from suite.score import BEST, ROUNDING, TIED, all_survived, loss, scores, standings, status
 from suite.statistics import LEVEL
+from suite.verdicts import Verdict, measured
 
 Key = tuple[str, str]
 """A metric and a block."""
@@ -89,18 +93,32 @@ class CellView:
 
 @dataclass(frozen=True)
 class CaseView:
-    """A case with its cells, one for every estimator of the results, run or not; known: whether anything is of its truth."""
+    """A case with its cells, one for every estimator of the results, run or not; known: whether anything is of its truth.
+
+    measured: the score that measures each of the card's published figures, None where there is none. detectors: what is
+    known of the cells that have a decision statistic.
+    """
 
     results: CaseResults
     cells: dict[str, CellView]
     keys: tuple[Key, ...]
     runs: int
     known: bool
+    measured: tuple[Score | None, ...] = ()
+    detectors: tuple[Detector, ...] = ()
 
     @property
     def card(self) -> Any:
         """The case's card."""
         return self.results.card
+
+    def verdicts(self, findings: Mapping[FigureKey, Finding]) -> list[Verdict]:
+        """The card's published figures with what was found of them before, and what these results measure."""
+        name = self.card.name
+        return [
+            Verdict(name, published, findings.get((name, published.estimator, published.quantity)), score)
+            for published, score in zip(self.card.published, self.measured, strict=True)
+        ]
 
     def with_score(self, key: Key) -> list[CellView]:
         """The cells that have a finite score of that metric and block."""
@@ -151,7 +169,9 @@ def view(case: CaseResults, labels: Sequence[str]) -> CaseView:
             if label in cells:
                 cells[label].standing[key] = standing
     truths = case.truth_of.values()
-    return CaseView(case, cells, keys, len(truths), not truths or any(np.isfinite(truth.x).any() for truth in truths))
+    known = not truths or any(np.isfinite(truth.x).any() for truth in truths)
+    figures = tuple(measured(case, published) for published in case.card.published)
+    return CaseView(case, cells, keys, len(truths), known, figures, tuple(detectors(case)))
 
 
 def _keys(case: CaseResults, cells: dict[str, CellView]) -> tuple[Key, ...]:

@@ -1,6 +1,7 @@
 """The arguments of the command line, and what is wrong with them."""
 
 import argparse
+import os
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from typing import NoReturn
@@ -122,7 +123,13 @@ def _verify(parser: argparse.ArgumentParser) -> None:
 
 def _report(parser: argparse.ArgumentParser) -> None:
     _stored(parser)
-    parser.add_argument("--out", default="site", metavar="DIR", help="folder of the site (default: site)")
+    add = parser.add_argument
+    add("--out", default="site", metavar="DIR", help="folder of the site (default: site)")
+    add("--against", metavar="DIR", help="another results folder: a page says what changed since")
+    words = "JSON files of pytest-benchmark, such as those of `nox -s bench`, for the page of running times"
+    add("--benchmarks", action="extend", nargs="+", default=[], metavar="FILE", help=words)
+    jobs = os.cpu_count() or 1
+    add("--jobs", type=_integer(1), default=jobs, metavar="J", help="worker processes (default: as many as processors)")
 
 
 def _selection(parser: argparse.ArgumentParser) -> None:

@@ -166,10 +166,14 @@ def _compute(planned: plan.Plan, options: argparse.Namespace) -> Outcome:
     context = Context(options.results, load_catalog, tuple(options.plugin), options.command_line)
     time_limit = options.time_limit or plan.PROFILES[options.profile].time_limit
     try:
-        with Progress(len(planned.blocks)) as progress:
-            return execute(planned, context, options.jobs, time_limit, progress.advance)
+        with Progress(len(planned.blocks), "blocks") as progress:
+            return execute(planned, context, options.jobs, time_limit, lambda r: progress.advance(_words(r.block)))
     finally:  # a worker that was stopped may have been writing
         Store(options.results).sweep()
+
+
+def _words(block: plan.WorkBlock) -> str:
+    return f"{block.estimator or 'truth'} on {block.case}"
 
 
 def _short(chosen: Chosen, runs: Mapping[Case, int], goals: Sequence[sampling.Goal], options: argparse.Namespace) -> Runs:
@@ -252,13 +256,17 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
+    from reports.inputs import Inputs
     from reports.site import build  # matplotlib takes a second to import; no other command needs it
 
     out, folder = Path(options.out), Path(options.results)
     if folder.resolve() in [out.resolve(), *out.resolve().parents]:
         raise BadInput(f"--out {out} lies in the results folder {folder}; name a folder outside it")
     loaded = _load(options)
-    print((build(loaded, out, options.command_line, cases.FINDINGS) / "index.html").resolve())
+    against = _load(argparse.Namespace(**vars(options) | {"results": options.against})) if options.against else None
+    rows = benchmarks.select(options.benchmarks, (), (), ())
+    inputs = Inputs(loaded, options.command_line, cases.FINDINGS, rows, against)
+    print((build(inputs, out, options.jobs) / "index.html").resolve())
     return TROUBLE if loaded.damages else DONE
 
 

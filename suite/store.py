@@ -22,6 +22,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from suite.errors import StoreError
+from suite.files import sweep, write_whole
 from suite.linalg import Array
 
 FORMAT = 1
@@ -125,31 +126,21 @@ class Store:
 
     def sweep(self) -> None:
         """Remove the temporary files of writers that are no longer alive."""
-        for path in self.folder.rglob(".*.tmp"):
-            match = re.fullmatch(r"\.\w+\.(\d+)\.tmp", path.name)
-            if match and not _alive(int(match[1])):
-                try:
-                    path.unlink(missing_ok=True)
-                except OSError as error:
-                    raise unwritable(path, error) from error
+        try:
+            sweep(self.folder.rglob(".*.tmp"), r"\w+\.parquet")
+        except OSError as error:
+            raise unwritable(self.folder, error) from error
 
     def write(self, address: str, meta: Mapping[str, Any], columns: Mapping[str, Any], rows: int) -> Path:
         """Store a block; columns left out are null. Raises StoreError when the disk does not take it."""
         folder = (
             self.folder / _slug(meta["case"]["name"]) / _slug(meta["estimator"]["label"] if meta["estimator"] else meta["kind"])
         )
-        final, temporary = folder / f"{address}.parquet", folder / f".{address}.{os.getpid()}.tmp"
+        final = folder / f"{address}.parquet"
         content = _encode(_table(columns, rows), json.dumps({**meta, "address": address}))
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            try:
-                with temporary.open("wb") as sink:
-                    sink.write(content)
-                    sink.flush()
-                    os.fsync(sink.fileno())
-                temporary.replace(final)
-            finally:
-                temporary.unlink(missing_ok=True)
+            write_whole(final, content)
         except OSError as error:
             raise unwritable(final, error) from error
         return final
@@ -255,16 +246,6 @@ def _read_meta(path: Path) -> dict[str, Any]:
     if meta.get("address") != path.stem:
         raise ValueError(f"its contents belong to address {meta.get('address')}")
     return dict(meta)
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
 
 
 def _slug(name: str) -> str:

@@ -1,22 +1,66 @@
 """A case's page: its model, its figures, all its scores."""
 
+import dataclasses
+import json
 import math
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from reports.formula import mathml
+from reports.digest import to_json
+from reports.frame import Frame
 from reports.marks import Mark
 from reports.pages.case_figures import main_figures, more_figures
 from reports.pages.scores import tables, warned
+from reports.part import Part
+from reports.plot import data_files
 from reports.sentences import diverged
-from reports.text import count, within
-from reports.views import PERCENT, CaseView
+from reports.text import within
+from reports.views import CaseView, private, view
 from suite.case import RECORDED
 from suite.metrics import FAMILIES, METRICS
 from suite.published import Finding
 from suite.published import Key as FigureKey
-from suite.verdicts import Verdict, verdicts
+from suite.results import CaseResults
+from suite.store import Entry
+from suite.verdicts import Verdict
+
+
+def digest_name(frame: Frame, name: str) -> str:
+    """The file of a case's scores."""
+    return f"data/{frame.stems[name]}.json"
+
+
+def part(frame: Frame, results: CaseResults, findings: Mapping[FigureKey, Finding]) -> Part:
+    """The page of a case, the data of its figures, and its digest."""
+    name = results.card.name
+    found = {" | ".join(key): dataclasses.astuple(finding) for key, finding in findings.items() if key[0] == name}
+    words = json.dumps([results.card.to_dict(), list(found.values())])
+    entries = [*_entries(results), *(_entries(results.calm) if results.calm else [])]
+    depends = {
+        "blocks": [(entry.meta["address"], entry.meta["created"]) for entry in entries],
+        "findings": found,
+        "labels": frame.labels,
+        "pages": {other: page for other, page in frame.cases.items() if other in words},
+    }
+    return Part(frame.stems[name], depends, files, (frame, results, findings), len(entries))
+
+
+def _entries(results: CaseResults) -> list[Entry]:
+    cells = [entry for cell in results.cells.values() for entry in [*cell.estimates, *cell.timings]]
+    return [*results.truths, *filter(None, [results.bound]), *cells]
+
+
+def files(frame: Frame, results: CaseResults, findings: Mapping[FigureKey, Finding]) -> dict[str, str]:
+    """The files of a case by name."""
+    case, name = view(private(results), frame.labels), results.card.name
+    said = context(case, frame.labels, frame.marks, findings)
+    stem = frame.stems[name]
+    return {
+        frame.cases[name]: frame.page("case", **said, data=f"data/{stem}", digest=digest_name(frame, name)),
+        **dict(data_files(stem, [*said["figures"], *said["more"]])),
+        digest_name(frame, name): to_json(case),
+    }
 
 
 def context(
@@ -33,16 +77,13 @@ def context(
         "tables": tables(case),
         "warned": warned(case),
         "families": [(f, head, [m for m in shown if m.family == f]) for f, head in FAMILIES.items()],
-        "mathml": mathml,
         "inf": math.inf,
         "recorded": case.card.origin == RECORDED,
         "command": command(case),
         "away": [(cell.label, n) for cell in case.cells.values() if (n := diverged(cell))],
-        "count": count,
-        "percent": PERCENT,
         "unit_of": lambda component: next((b.unit for b in case.card.blocks if component in b.components), ""),
         "limit_unit": case.card.block(case.card.divergence.block).unit,
-        "published": [_published(verdict) for verdict in verdicts([results], findings)],
+        "published": [_published(verdict) for verdict in case.verdicts(findings)],
     }
 
 

@@ -3,16 +3,15 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from markupsafe import Markup
 
 from reports import figures, series
 from reports.marks import Mark
+from reports.plot import Column, Plot
 from reports.sentences import bound_name, bounded
 from reports.series import Band, Series, Tracks
-from reports.text import count, listed, number, tick
+from reports.text import count, listed
 from reports.views import PERCENT
 from suite.bounds import NONE
 from suite.case import RECORDED, with_unit
@@ -21,24 +20,8 @@ from suite.linalg import Array
 from suite.metrics import METRICS
 from suite.results import CaseResults
 
-TABLE_ROWS = 60
 
-
-@dataclass(frozen=True)
-class FigureView:
-    """A figure with its caption, the series in its legend and its data as a table."""
-
-    id: str
-    title: str
-    caption: str
-    drawing: Markup | None
-    labels: Sequence[str]
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    note: str
-
-
-def main_figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str, Mark]) -> Iterator[FigureView]:
+def main_figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str, Mark]) -> Iterator[Plot]:
     """The ground, errors, consistency and modes of motion over time."""
     track = series.tracks(results, labels)
     if track:
@@ -59,7 +42,7 @@ def main_figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str
         yield _over_time(lines, marks, "brier", "Brier score of the mode probabilities over time", "Brier score")
 
 
-def more_figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str, Mark]) -> Iterator[FigureView]:
+def more_figures(results: CaseResults, labels: Sequence[str], marks: Mapping[str, Mark]) -> Iterator[Plot]:
     """Errors over a bound that holds for all estimators, and innovations, over time."""
     ratios = series.over_time(results, METRICS["crlb-ratio"], labels) if results.bounds and results.bounds[0].strict else {}
     for i, block in enumerate(results.card.blocks):
@@ -81,7 +64,7 @@ def _normalised(
     name: str,
     title: str,
     what: str,
-) -> FigureView:
+) -> Plot:
     """NEES or NIS over time, with the band that chance allows for."""
     band = series.band(results, METRICS[name], labels)
     said = f" The dotted line is 1, where {what} are as large as the filter says."
@@ -112,7 +95,7 @@ def _over_time(
     said: str = "",
     bounds: Sequence[tuple[BlockBound, Array, Array]] = (),
     band: Band | None = None,
-) -> FigureView:
+) -> Plot:
     drawing = figures.over_time(lines, marks, f"fig-{name}", axis, title, target, [value for _, value, _ in bounds], band)
     runs = {s.runs for s in lines}
     unit = axis.partition(" (")
@@ -124,12 +107,18 @@ def _over_time(
         end = figures.beyond(lines, target)
         caption += said + (f" Values above {end:g} are beyond the axis." if math.isfinite(end) else "")
         caption += _same(lines) + bounded(bounds) + _hidden(lines)
-    header = ["time (s)", *(f"{s.label}{what}" for s in lines for what in ("", ", low", ", high"))]
-    named = [(bound_name(each), value) for each, value, _ in bounds if each.kind != NONE]
-    named += [("band, low", band.low), ("band, high", band.high)] if band else []
-    header += [name for name, _ in named]
-    rows, note = _table(lines, [value for _, value in named])
-    return FigureView(name, title, caption, drawing, [s.label for s in lines], header, rows, note)
+    columns = [Column("time (s)", lines[0].time)] if lines else []
+    for line in lines:
+        columns += [
+            Column(line.label, line.value, line.label),
+            Column(f"{line.label}, low", line.spread(line.low), line.label, "low"),
+            Column(f"{line.label}, high", line.spread(line.high), line.label, "high"),
+        ]
+    columns += [Column(bound_name(each), value) for each, value, _ in bounds if each.kind != NONE and lines]
+    columns += [Column("band, low", band.low), Column("band, high", band.high)] if band and lines else []
+    return Plot(
+        name, title, caption, drawing, [s.label for s in lines], columns, y=axis, whole=lines[0].at.tolist() if lines else ()
+    )
 
 
 def _hidden(lines: Sequence[Series]) -> str:
@@ -163,23 +152,7 @@ def _close(a: Series, b: Series) -> bool:
     )
 
 
-def _table(lines: Sequence[Series], bounds: Sequence[Array]) -> tuple[list[list[str]], str]:
-    """The data of a figure over time, at most `TABLE_ROWS` steps of it, and a note on those left out."""
-    if not lines:
-        return [], ""
-    at = lines[0].at[series.sampled(len(lines[0].at), TABLE_ROWS)]
-    place = {int(step): i for i, step in enumerate(lines[0].at)}
-    rows = [
-        [tick(float(lines[0].time[k])), *(
-            number(float(x)) for s in lines for x in (s.value[k], s.low[place[int(k)]], s.high[place[int(k)]])
-        ), *(number(float(value[k])) for value in bounds)]
-        for k in at
-    ]  # fmt: skip
-    steps = len(lines[0].time)
-    return rows, "" if len(rows) == steps else f"{len(rows)} of {steps} steps, spread evenly."
-
-
-def _ground(results: CaseResults, track: Tracks, marks: Mapping[str, Mark]) -> FigureView:
+def _ground(results: CaseResults, track: Tracks, marks: Mapping[str, Mark]) -> Plot:
     card = results.card
     assert card.plane is not None
     x, y = (card.state[i] for i in card.plane)
@@ -197,11 +170,8 @@ def _ground(results: CaseResults, track: Tracks, marks: Mapping[str, Mark]) -> F
     if track.missing:
         caption += f" Not drawn: {listed(track.missing)}, which did not come through this run."
     places = [*([("truth", track.truth)] if track.known else []), *track.estimates.items()]
-    header = ["time (s)", *(f"{name} {c}" for name, _ in places for c in (x, y))]
-    steps = track.truth.shape[1]
-    rows = [
-        [tick(float(card.time[k])), *(f"{float(e):.6g}".replace("-", "−") for _, place in places for e in place[:, k])]
-        for k in series.sampled(steps, TABLE_ROWS)
-    ]
-    note = "" if len(rows) == steps else f"{len(rows)} of {steps} steps, spread evenly."
-    return FigureView("ground", title, caption, drawing, list(track.estimates), header, rows, note)
+    columns = [Column("time (s)", card.time)]
+    for name, place in places:
+        columns += [Column(f"{name} {words}", row, name) for words, row in zip((x, y), place, strict=True)]
+    axis = with_unit(y, next((b.unit for b in card.blocks if card.plane[1] in b.components), ""))
+    return Plot("ground", title, caption, drawing, list(track.estimates), columns, y=axis)

@@ -2,10 +2,14 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from reports.frame import Frame
+from reports.inputs import Site
+from reports.part import Part
+from reports.sentences import headline
 from reports.text import listed, slugs
 from reports.views import WITHOUT_TRUTH, CaseView, CellView, Key, times_worse
 from suite.metrics import FAMILIES, METRICS, Metric
@@ -172,6 +176,17 @@ def _best(case: CaseView, choice: Choice) -> float:
     key = choice.key(case)
     scored = [c for c in case.with_score(key) if c.scores[key].runs == c.scores[key].total and c.competes(choice.metric)]
     return (max if choice.metric.better == "higher" else min)((c.scores[key].value for c in scored), default=math.nan)
+
+
+def parts(site: Site) -> Iterator[Part]:
+    """The overview."""
+    yield Part("overview", site.depends(), files, (site.frame, site.cases))
+
+
+def files(frame: Frame, cases: Sequence[CaseView]) -> dict[str, str]:
+    """The overview's files."""
+    matrix = context(cases, frame.labels, frame.cases)
+    return {"index.html": frame.page("overview", **matrix, headline=headline(cases), cases=cases)}
 
 
 def context(cases: Sequence[CaseView], labels: Sequence[str], pages: Mapping[str, str]) -> dict[str, Any]:

@@ -2,11 +2,28 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
+from reports.frame import Frame
+from reports.inputs import Site
+from reports.part import Part
 from reports.views import CaseView
 from suite.results import Results
+
+
+def parts(site: Site) -> Iterator[Part]:
+    """The page of where the numbers come from."""
+    loaded, command = site.inputs.loaded, site.inputs.command
+    blocks = [(entry.meta["address"], entry.meta["created"]) for entry in loaded.entries]
+    damages = [(str(d.path), d.reason) for d in loaded.damages]
+    depends = site.depends(blocks, damages, loaded.superseded, str(loaded.folder), command)
+    yield Part("provenance", depends, files, (site.frame, loaded, site.cases, command))
+
+
+def files(frame: Frame, loaded: Results, cases: Sequence[CaseView], command: str) -> dict[str, str]:
+    """The page's file."""
+    return {"provenance.html": frame.page("provenance", **context(loaded, cases), command_of_site=command)}
 
 
 def context(loaded: Results, cases: Sequence[CaseView]) -> dict[str, Any]:

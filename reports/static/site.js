@@ -85,17 +85,6 @@ function highlighting() {
   }
 }
 
-function menu() {
-  const details = document.querySelector(".menu");
-  if (!details) return;
-  document.addEventListener("click", (event) => { if (!details.contains(event.target)) details.open = false; });
-  details.addEventListener("keydown", (event) => {
-    if (event.key !== "Escape" || !details.open) return;
-    details.open = false;
-    details.querySelector("summary").focus();
-  });
-}
-
 // A link to what is folded away unfolds it; newer browsers do so by themselves.
 function unfold() {
   const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
@@ -109,6 +98,5 @@ skipLink();
 chooser();
 tooltips();
 highlighting();
-menu();
 unfold();
 window.addEventListener("hashchange", unfold);

@@ -2,6 +2,7 @@
 
 import json
 import re
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from cases.linear_gaussian import MODEL
+from reports.folder import MANIFEST
 from suite import results
 from suite.case import Case, Divergence, Equation, StateBlock, draw
 from suite.case_bounds import bounds_of
@@ -135,6 +137,22 @@ def variety(tmp_path_factory):
     return results.load(folder)
 
 
+def build(loaded, out, command="filterbench report", findings=None, **inputs):
+    """The site of some results in a folder, made in this process."""
+    from reports import site
+    from reports.inputs import Inputs
+
+    return site.build(Inputs(loaded, command, findings or {}, **inputs), out)
+
+
+def rendered(loaded, **inputs):
+    """All files of the site of some results by name."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = build(loaded, Path(folder) / "site", **inputs)
+        paths = [path for path in out.rglob("*") if path.is_file() and path.name != MANIFEST]
+        return {path.relative_to(out).as_posix(): path.read_text(encoding="utf-8") for path in paths}
+
+
 class Page(HTMLParser):
     """What a test wants to know of a page: ids, links, scripts, headings and its text."""
 
@@ -183,6 +201,4 @@ def matrix(page):
 @pytest.fixture(scope="session")
 def site(variety, tmp_path_factory):
     """The site of those results."""
-    from reports.site import build
-
-    return build(variety, tmp_path_factory.mktemp("site") / "out", "filterbench report")
+    return build(variety, tmp_path_factory.mktemp("site") / "out")

@@ -11,7 +11,6 @@ from scipy.stats import chi2
 from estimators import ESTIMATORS
 from reports import series
 from reports.sentences import against_bound, headline
-from reports.site import render
 from reports.views import private, view
 from suite import bounds
 from suite.case import RECORDED
@@ -19,7 +18,7 @@ from suite.diagnosis import Remark
 from suite.estimator import Estimate
 from suite.metrics import METRICS
 from suite.results import CaseResults
-from tests.reports.conftest import Scripted, Written, matrix, small_case
+from tests.reports.conftest import Scripted, Written, matrix, rendered, small_case
 from tests.reports.test_recordings import results, walked
 
 
@@ -56,7 +55,7 @@ def faulty(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(faulty):
-    return render(faulty, "x")["case-easy.html"]
+    return rendered(faulty)["case-easy.html"]
 
 
 @pytest.fixture(scope="module")
@@ -108,10 +107,10 @@ def test_errors_below_the_bound_are_flagged(page):
 def test_chance_below_the_bound_is_called_so(faulty, monkeypatch):
     """Where nothing is sure, an interval below one may be chance; where the bound is none, it is nothing."""
     monkeypatch.setattr("reports.views.remarks", lambda cell: [Remark("optimistic", "too sure of itself", True)])
-    assert "below the bound: chance, or too good" in table(render(faulty, "x")["case-easy.html"], "bound")["oracle"][1]
+    assert "below the bound: chance, or too good" in table(rendered(faulty)["case-easy.html"], "bound")["oracle"][1]
     stored = faulty.cases["easy"].bounds[0]
     monkeypatch.setattr(CaseResults, "bounds", [dataclasses.replace(stored, reason="a given track")])
-    loose = render(faulty, "x")["case-easy.html"]
+    loose = rendered(faulty)["case-easy.html"]
     assert "below the bound" not in plain(loose)
     assert "Ratios below 1 mean nothing here: a given track." in plain(loose)
     assert 'id="ratio-0"' not in loose
@@ -150,13 +149,13 @@ def test_estimators_without_any_score_of_a_family_are_named_below_its_table(tool
     loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted("a"), tools.scripted("b")]).load()
     cell = loaded.cases["easy"].cells["b"]
     cell.timings = []
-    page = render(loaded, "x")["case-easy.html"]
+    page = rendered(loaded)["case-easy.html"]
     assert list(table(page, "cost")) == ["a"]
     assert "Without any of these: b." in plain(page)
 
 
 def test_the_overview_names_faults_and_neither_marks_nor_shades_them(faulty):
-    text = render(faulty, "x")["index.html"]
+    text = rendered(faulty)["index.html"]
     data = matrix(text)
     timed = tuple(metric.title for metric in METRICS.values() if metric.timed)
     marked = 0

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from reports.sentences import bounded, headline
-from reports.site import render
 from reports.views import private, view
 from suite import bounds
 from suite.case_bounds import BlockBound
 from suite.results import CaseResults
+from tests.reports.conftest import rendered
 
 
 def sentences(loaded):
@@ -124,7 +124,7 @@ def test_a_column_of_numbers_is_headed_as_its_line_is_called(tools, tmp_path, mo
     loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted()], seconds=0).load()
     stored = loaded.cases["easy"].bounds[0]
     monkeypatch.setattr(CaseResults, "bounds", [dataclasses.replace(stored, kind=kind, reason=reason)])
-    page = render(loaded, "x")["case-easy.html"]
+    page = rendered(loaded)["case-easy.html"]
     assert page.count(f'<th scope="col">{head}</th>') == page.count(f"line without marks is the {head}.") == 2
     assert len(re.findall("<th[^>]*>[^<]*bound", page)) == 2
 
@@ -133,6 +133,6 @@ def test_where_there_is_no_bound_no_column_has_its_name(tools, tmp_path, monkeyp
     loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted()], seconds=0).load()
     none = dataclasses.replace(loaded.cases["easy"].bounds[0], kind=bounds.NONE, reason="no noise")
     monkeypatch.setattr(CaseResults, "bounds", [none])
-    page = render(loaded, "x")["case-easy.html"]
+    page = rendered(loaded)["case-easy.html"]
     assert page.count("There is no bound: no noise.") == 3  # below two figures, and above the table of the family
     assert not re.search("<th[^>]*>[^<]*bound", page)

@@ -11,9 +11,10 @@ from urllib.parse import unquote
 
 import pytest
 
-from reports import site as site_module
+from reports import folder as folder_module
+from reports.folder import MANIFEST
+from reports.frame import SECTIONS
 from reports.pages import overview
-from reports.site import MANIFEST, build, render
 from reports.text import number, quantity
 from reports.views import view
 from suite import results
@@ -23,6 +24,7 @@ from suite.metrics import METRICS, Score
 from suite.score import table
 from suite.store import Store
 from tests.reports import conftest
+from tests.reports.conftest import build, rendered
 
 HOSTILE = (
     "<script>alert(1)</script>",
@@ -35,6 +37,9 @@ HOSTILE = (
     "x" * 200,
     "",
 )
+
+ALWAYS = {"index.html", *(f"{name}.html" for name in SECTIONS)}
+"""Pages that every site has."""
 
 
 def check(folder, tools):
@@ -68,7 +73,8 @@ def figures_of(page):
 
 def test_every_page_is_there_and_every_link_resolves(site, tools):
     pages = check(site, tools)
-    assert set(pages) == {"index.html", "provenance.html", "case-easy-one.html", "case-other.html", "case-lonely.html"}
+    cases = {"case-easy-one.html", "case-other.html", "case-lonely.html"}
+    assert {name for name in pages if not name.startswith("estimator-")} == {*ALWAYS, *cases}
     assert (site / "static/style.css").is_file()
     assert (site / "static/site.js").is_file()
 
@@ -143,7 +149,7 @@ def test_the_case_page_tells_the_case(site, tools):
 def test_figures_of_errors_have_the_bound(tools, tmp_path):
     """Its line is told below the figure, and its numbers are in the table."""
     loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted()]).load()
-    page = render(loaded, "filterbench report")["case-easy.html"]
+    page = rendered(loaded)["case-easy.html"]
     assert page.count("The dashed line without marks is the posterior Cramér-Rao bound.") == 2
     assert page.count('<th scope="col">posterior Cramér-Rao bound</th>') == 2
     assert number(float(loaded.cases["easy"].bounds[0].value[0, 0])) in page
@@ -163,7 +169,7 @@ def test_provenance_tells_what_went_wrong(site, tools):
 
 
 def test_the_same_results_give_the_same_bytes(variety):
-    assert render(variety, "filterbench report") == render(variety, "filterbench report")
+    assert rendered(variety) == rendered(variety)
 
 
 @pytest.fixture
@@ -186,7 +192,7 @@ def hostile(tools, tmp_path):
 def test_no_text_becomes_markup(hostile, tools, tmp_path):
     out = build(hostile, tmp_path / "site", HOSTILE[2])
     pages = check(out, tools)
-    assert len(pages) == len(HOSTILE) + 2
+    assert len([name for name in pages if name.startswith("case-")]) == len(HOSTILE)
     for page in pages.values():
         assert "img" not in page.tags
         assert not any("onload" in found or "onerror" in found for _, found in page.attributes)
@@ -208,7 +214,7 @@ def test_drawings_are_well_formed(site):
 
 def test_without_results_the_pages_say_so(tools, tmp_path):
     Store(tmp_path / "empty", create=True)
-    out = build(results.load(tmp_path / "empty"), tmp_path / "site", "x")
+    out = build(results.load(tmp_path / "empty"), tmp_path / "site")
     pages = check(out, tools)
     assert "there is nothing to compare yet" in pages["index.html"].text
     assert "nothing is stored" in pages["provenance.html"].text
@@ -228,7 +234,7 @@ def test_without_results_the_pages_say_so(tools, tmp_path):
 @pytest.mark.parametrize("runs", [1, 3])
 def test_a_single_cell(tools, tmp_path, estimator, words, runs):
     loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted("only", **estimator)], runs=runs).load()
-    out = build(loaded, tmp_path / "site", "x")
+    out = build(loaded, tmp_path / "site")
     pages = check(out, tools)
     text = " ".join(pages["index.html"].text.split())
     assert words in text
@@ -244,7 +250,7 @@ def test_a_case_without_truth_blames_its_estimators(tools, tmp_path):
     for path in (tmp_path / "r").rglob("truth/*.parquet"):
         path.unlink()
     loaded = written.load()
-    out = build(loaded, tmp_path / "site", "x")
+    out = build(loaded, tmp_path / "site")
     check(out, tools)
     assert matrix(out)["cells"][0][0][0][0] == "not run"
 
@@ -253,9 +259,9 @@ def test_many_estimators_and_long_series(tools, tmp_path):
     long = tools.case(steps=250, generate=lambda rng: _long(tools, rng))
     estimators = [tools.scripted(f"e{i}", shift=float(i)) for i in range(11)]
     loaded = tools.written(tmp_path / "r").add([long], estimators, runs=3).load()
-    pages = render(loaded, "x")
+    pages = rendered(loaded)
     assert len(pages["case-easy.html"]) < 3_000_000
-    assert "60 of 250 steps" in pages["case-easy.html"]
+    assert "60 of 250 rows" in pages["case-easy.html"]
 
 
 def _long(tools, rng):
@@ -273,52 +279,61 @@ def quick(tools, tmp_path):
 
 
 def test_stale_pages_go_and_other_files_stay(quick, tmp_path):
-    out = build(quick, tmp_path / "site", "x")
+    out = build(quick, tmp_path / "site")
     (out / "CNAME").write_text("mine")
     (out / "case-mine.html").write_text("mine")
-    (out / f".filterbench-{2**22 + 1}.index.html.tmp").write_text("half")
+    (out / f".index.html.{2**22 + 1}.tmp").write_text("half")
     Store(tmp_path / "empty", create=True)
-    build(results.load(tmp_path / "empty"), out, "x")
-    assert {p.name for p in out.iterdir()} == {"CNAME", "case-mine.html", "index.html", "provenance.html", "static", MANIFEST}
+    build(results.load(tmp_path / "empty"), out)
+    assert {p.name for p in out.iterdir()} == {"CNAME", "case-mine.html", "static", MANIFEST, *ALWAYS}
     assert (out / "CNAME").read_text() == "mine"
 
 
-@pytest.mark.parametrize("manifest", ["", "[]", '{"files": 3}', '{"files": ["../../x", 4, "/etc/passwd", "CNAME"]}'])
+@pytest.mark.parametrize(
+    "manifest",
+    [
+        "",
+        "[]",
+        '{"parts": 3}',
+        '{"parts": {"a": {"key": "", "files": {"../../x": "", "/etc/passwd": "", "CNAME": ""}}}}',
+        '{"parts": {"a": {"key": "", "files": ["CNAME"]}}}',
+    ],
+)
 def test_a_damaged_list_of_files_removes_nothing(quick, tmp_path, manifest):
-    out = build(quick, tmp_path / "site", "x")
+    out = build(quick, tmp_path / "site")
     (out / "CNAME").write_text("mine")
     (tmp_path / "x").write_text("mine")
     (out / MANIFEST).write_text(manifest)
-    build(quick, out, "x")
+    build(quick, out)
     assert (out / "CNAME").exists()
     assert (tmp_path / "x").exists()
-    assert "case-other.html" in json.loads((out / MANIFEST).read_text())["files"]
+    assert "case-other.html" in json.loads((out / MANIFEST).read_text())["parts"]["other"]["files"]
 
 
 def test_an_interrupted_build_leaves_whole_pages_that_the_next_one_replaces(quick, tmp_path, monkeypatch):
     out = tmp_path / "site"
-    write, written = site_module._write, []
+    write, written = folder_module.write_whole, []
 
     def interrupted(path, content):
-        if len(written) == 3:
+        if len(written) == 8:
             raise KeyboardInterrupt
         written.append(path.name)
         write(path, content)
 
-    monkeypatch.setattr(site_module, "_write", interrupted)
+    monkeypatch.setattr(folder_module, "write_whole", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        build(quick, out, "x")
+        build(quick, out)
     assert all(path.read_text().rstrip().endswith("</html>") for path in out.glob("*.html"))
     monkeypatch.undo()
-    build(quick, out, "x")
+    build(quick, out)
     assert not list(out.glob(".*"))
 
 
 def test_a_failed_write_leaves_no_half_page(tmp_path, monkeypatch):
-    monkeypatch.setattr(site_module.os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    monkeypatch.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
     Store(tmp_path / "empty", create=True)
     with pytest.raises(BadInput, match=r"cannot write the site to .*No space left"):
-        build(results.load(tmp_path / "empty"), tmp_path / "site", "x")
+        build(results.load(tmp_path / "empty"), tmp_path / "site")
     assert [p for p in (tmp_path / "site").rglob("*") if p.is_file()] == []
 
 
@@ -326,11 +341,11 @@ def test_a_place_that_is_none_for_a_site(quick, tmp_path):
     file = tmp_path / "file"
     file.write_text("x")
     with pytest.raises(BadInput, match="is a file"):
-        build(quick, file, "x")
+        build(quick, file)
     with pytest.raises(BadInput, match="holds other files and no filterbench site"):
-        build(quick, tmp_path, "x")
+        build(quick, tmp_path)
     with pytest.raises(BadInput, match="cannot write the site"):
-        build(quick, file / "below", "x")
+        build(quick, file / "below")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
@@ -339,7 +354,7 @@ def test_a_folder_that_cannot_be_written(quick, tmp_path):
     folder.mkdir()
     folder.chmod(stat.S_IRUSR | stat.S_IXUSR)
     with pytest.raises(BadInput, match="cannot write the site"):
-        build(quick, folder / "site", "x")
+        build(quick, folder / "site")
 
 
 def test_a_case_without_blocks_of_its_divergence_is_still_shown(tools, tmp_path):
@@ -348,6 +363,6 @@ def test_a_case_without_blocks_of_its_divergence_is_still_shown(tools, tmp_path)
     case.card = dataclasses.replace(case.card, plane=None, landmarks=(), equations=(), published=(), assumptions=(),
                                     blocks=(*case.card.blocks, StateBlock("unused", (0,), "")))  # fmt: skip
     case.bound = None
-    page = render(loaded, "x")["case-easy.html"]
+    page = rendered(loaded)["case-easy.html"]
     assert "ground plane" not in page
     assert "Published" not in page

@@ -6,12 +6,12 @@ import pytest
 
 import suite.cli
 import suite.run
-from reports.site import build
 from suite import results
 from suite.metrics import METRICS
 from tests.conftest import InlinePool
 from tests.recordings import CSV, POLAR, TOML, TRUTH, simulated, without, write
 from tests.reports import conftest
+from tests.reports.conftest import build
 
 FILTERS = ("ekf", "bootstrap[particles=50]")
 WITH_LIMIT = TOML + '[divergence]\nlimit = "100 km"\nsteps = 2\n'
@@ -168,7 +168,7 @@ def test_the_table_of_scores_leaves_out_what_nobody_has(blind, capsys):
 def test_a_score_that_is_infinite_everywhere_is_shown(tools, tmp_path):
     """A filter that is sure of itself and wrong: nothing of it is unknown."""
     loaded = tools.written(tmp_path / "r").add([tools.case()], [tools.scripted("sure", variance=0.0)], seconds=0).load()
-    build(loaded, tmp_path / "site", "x")
+    build(loaded, tmp_path / "site")
     assert "NEES" in heads(tmp_path, "easy")
     page = tools.read(tmp_path / "site/case-easy.html")
     assert "∞" in page.text

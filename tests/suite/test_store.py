@@ -94,7 +94,7 @@ def test_a_block_is_written_under_its_name_only_when_whole(store, monkeypatch):
 
     monkeypatch.setattr(Path, "replace", replace)
     store.write("abc", META, columns(), 4)
-    assert seen == [(f".abc.{os.getpid()}.tmp", False, 4)]
+    assert seen == [(f".abc.parquet.{os.getpid()}.tmp", False, 4)]
 
 
 def test_the_temporary_files_of_the_dead_are_removed(store):
@@ -102,10 +102,10 @@ def test_the_temporary_files_of_the_dead_are_removed(store):
     gone.wait()
     folder = store.folder / "a"
     folder.mkdir()
-    for name in (f".abc.{gone.pid}.tmp", f".abc.{os.getpid()}.tmp", ".abc.tmp", "notes.tmp"):
+    for name in (f".abc.parquet.{gone.pid}.tmp", f".abc.parquet.{os.getpid()}.tmp", ".abc.tmp", "notes.tmp"):
         (folder / name).write_text("x")
     store.sweep()
-    assert sorted(p.name for p in folder.iterdir()) == [f".abc.{os.getpid()}.tmp", ".abc.tmp", "notes.tmp"]
+    assert sorted(p.name for p in folder.iterdir()) == [f".abc.parquet.{os.getpid()}.tmp", ".abc.tmp", "notes.tmp"]
 
 
 def truncate(path):
