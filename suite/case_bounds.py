@@ -7,14 +7,13 @@ import numpy as np
 from suite import fisher
 from suite.bounds import KNOWN_MODES, POSTERIOR, Bound, Trajectories, best_fitting_gaussian, bound, trajectories
 from suite.case import FROM_MODEL, Case, Truth
+from suite.effort import FULL, Effort
 from suite.jump import JumpModel
 from suite.linalg import Array
 from suite.random import Streams
 
-MOST, FEWEST = 2000, 100
-"""Trajectories of a bound: as many as `WORK` allows, within these."""
-WORK = 15_000_000
-"""Entries of the slopes of all trajectories at all steps."""
+FEWEST = 100
+"""Trajectories of a bound at least."""
 UNKNOWN = "the truth, about which the model would have to be linearised, is not known at all steps"
 SEQUENCES = 100
 """Sequences of modes, over which trajectories are spread where slopes differ among those of one sequence."""
@@ -39,9 +38,9 @@ class BlockBound:
         return self.kind in (POSTERIOR, KNOWN_MODES) and not self.reason
 
 
-def bounds_of(case: Case, seed: int) -> tuple[BlockBound, ...]:
+def bounds_of(case: Case, seed: int, effort: Effort = FULL) -> tuple[BlockBound, ...]:
     """The bounds of a case; of a model with several modes, that of known modes and that of the Gaussian that fits best."""
-    drawn, y = _drawn(case, seed)
+    drawn, y = _drawn(case, seed, effort)
     found = [bound(case.model, drawn, y)]
     if isinstance(case.model, JumpModel):
         found.append(best_fitting_gaussian(case.model, drawn, y))
@@ -53,14 +52,14 @@ def bounds_of(case: Case, seed: int) -> tuple[BlockBound, ...]:
     return tuple(_of_blocks(case, each) for each in found)
 
 
-def _drawn(case: Case, seed: int) -> tuple[Trajectories, Array | None]:
+def _drawn(case: Case, seed: int, effort: Effort) -> tuple[Trajectories, Array | None]:
     """Trajectories about which to linearise, and measurements that show what is missing; None where nothing is.
 
     They are drawn from the model where the truth is and nothing is missing, or where the state does not matter. Else they are
     the case's own truths: what is missing may depend on the state.
     """
     linear, several = _linear(case), isinstance(case.model, JumpModel)
-    runs = max(FEWEST, min(MOST, WORK // (case.steps * case.model.n**2)))
+    runs = max(FEWEST, min(effort.trajectories, effort.slopes // (case.steps * case.model.n**2)))
     if linear and not several and not np.isnan(case.simulate(1, seed).y).any():
         runs = 2  # all are alike
     truth = case.simulate(runs, seed)

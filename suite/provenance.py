@@ -43,6 +43,7 @@ def fingerprint(*modules: str, data: tuple[Path, ...] = ()) -> str:
     return hashlib.sha256("\n".join(sorted(sources.values())).encode()).hexdigest()[:16]
 
 
+@functools.lru_cache
 def versions() -> dict[str, str]:
     """Versions of Python and of the libraries that results depend on."""
     blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
@@ -88,8 +89,13 @@ def _version(module: str) -> str:
         return str(getattr(sys.modules.get(module), "__version__", UNKNOWN))
 
 
-def _imports(module: str, source: str, local: frozenset[str]) -> Iterator[str]:
+@functools.cache  # most modules are imported by many others
+def _imports(module: str, source: str, local: frozenset[str]) -> tuple[str, ...]:
     """Modules that a source imports: ours in full, others by their top-level name, the standard library left out."""
+    return tuple(_imported(module, source, local))
+
+
+def _imported(module: str, source: str, local: frozenset[str]) -> Iterator[str]:
     package = module.rpartition(".")[0]
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):

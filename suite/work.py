@@ -12,6 +12,7 @@ import numpy as np
 
 from suite import parameters
 from suite.case import Case, Truth
+from suite.effort import FULL, Effort
 from suite.errors import one_line
 from suite.estimator import FAILED, LOST, OK, TRACES, Estimate, Estimator, StepError, alike, join, told, unavailable
 from suite.linalg import Array
@@ -19,13 +20,10 @@ from suite.random import Streams
 
 FAULTS = (Exception, SystemExit, GeneratorExit)
 """What an estimator may raise and be charged with: all but an interrupt, which is the user's."""
-TIMED_STEPS, TIMED_RUNS, REPEATS = 50, 20, 5
 SHORT = 3
 """Steps of a call that warms up, or whose memory is measured; fewest of a timed one."""
-TIMED_SECONDS = 0.05
-"""About how long a timed call of many runs may take: slow estimators are timed over fewer steps."""
-TAIL_STEPS, TAIL_SECONDS = 368, 0.2
-"""Steps from which on the 99th percentile has an upper limit, see `suite.metrics.cost`; taken when they cost no more."""
+TAIL_STEPS = 368
+"""Steps from which on the 99th percentile has an upper limit, see `suite.metrics.cost`."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +135,7 @@ def examined(estimate: object, case: Case, runs: int, elapsed: float) -> Estimat
 class Timing:
     """Seconds per run-step [K, B] of B timed calls, and how many runs each call carried; with what else such calls show.
 
-    memory[B]: peak bytes of a short call with as many runs, made apart from the timed ones. logliks[B, TIMED_RUNS]:
+    memory[B]: peak bytes of a short call with as many runs, made apart from the timed ones. logliks[B, R]:
     log-likelihood of each run of a call, summed over its steps; NaN for runs that did not come through, or that the call did
     not carry. Calls of several runs are all of the same data, each with its own seed.
     """
@@ -150,30 +148,30 @@ class Timing:
     logliks: Array | None = None
 
 
-def measure_time(case: Case, estimator: Estimator, seed: int) -> Timing:
-    """Time an estimator on the first steps of a case: single runs for latency, batches for throughput.
+def measure_time(case: Case, estimator: Estimator, seed: int, effort: Effort = FULL) -> Timing:
+    """Time an estimator on the first steps of a case: single runs for latency, several together for throughput.
 
     Each call is warm: short ones go before. Run it alone on the machine, in one thread.
     """
+    runs, repeats = effort.runs, effort.repeats
     try:
-        y = simulated(case, seed, 0, TIMED_RUNS).y[:TIMED_STEPS]
-        _call(case, estimator, y[:SHORT, :, :1], seed)
+        y = simulated(case, seed, 0, runs).y[: effort.steps]
         peak: dict[int, float] = {}
         warm: dict[int, float] = {}
-        for runs in (1, TIMED_RUNS):
-            short = y[:SHORT, :, :runs]
-            peak[runs] = _peak(case, estimator, short, seed)
-            warm[runs] = float(np.median(np.asarray(_call(case, estimator, short, seed).seconds)))
-        y = y[: max(SHORT, int(TIMED_SECONDS / (TIMED_RUNS * warm[TIMED_RUNS] + 1e-9)))]
+        for carried in (1, runs):
+            short = y[:SHORT, :, :carried]
+            warm[carried] = float(np.median(np.asarray(_call(case, estimator, short, seed).seconds)))
+            peak[carried] = _peak(case, estimator, short, seed)
+        y = y[: max(SHORT, int(effort.seconds / (runs * warm[runs] + 1e-9)))]
         tail = math.ceil(TAIL_STEPS / len(y))
-        single = max(REPEATS, tail) if tail * len(y) * warm[1] < TAIL_SECONDS else REPEATS
-        calls = [_call(case, estimator, y[:, :, [r % TIMED_RUNS]], seed + r) for r in range(single)]
-        calls += [_call(case, estimator, y, seed + r) for r in range(REPEATS)]
+        single = max(repeats, tail) if tail * len(y) * warm[1] < effort.tail_seconds else repeats
+        calls = [_call(case, estimator, y[:, :, [r % runs]], seed + r) for r in range(single)]
+        calls += [_call(case, estimator, y, seed + r) for r in range(repeats)]
     except FAULTS as error:
         return Timing(np.full((1, 1), np.nan), (1,), FAILED, _reason(error))
-    batch = (1,) * single + (TIMED_RUNS,) * REPEATS
+    batch = (1,) * single + (runs,) * repeats
     seconds = np.stack([np.asarray(call.seconds).mean(-1) for call in calls], axis=1)
-    return Timing(seconds, batch, memory=np.array([peak[runs] for runs in batch]), logliks=_logliks(calls))
+    return Timing(seconds, batch, memory=np.array([peak[carried] for carried in batch]), logliks=_logliks(calls, runs))
 
 
 def _call(case: Case, estimator: Estimator, y: Array, seed: int) -> Estimate:
@@ -195,9 +193,9 @@ def _peak(case: Case, estimator: Estimator, y: Array, seed: int) -> float:
         tracemalloc.stop()
 
 
-def _logliks(calls: list[Estimate]) -> Array | None:
-    """Log-likelihood of the runs of each call [B, TIMED_RUNS], summed over its steps; None when the estimator gives none."""
-    found = np.full((len(calls), TIMED_RUNS), np.nan)
+def _logliks(calls: list[Estimate], runs: int) -> Array | None:
+    """Log-likelihood of the runs of each call [B, R], summed over its steps; None when the estimator gives none."""
+    found = np.full((len(calls), runs), np.nan)
     for row, call in zip(found, calls, strict=True):
         if call.loglik is None:
             return None

@@ -12,6 +12,7 @@ from multiprocessing.connection import wait
 from threadpoolctl import threadpool_limits
 
 from suite.case_bounds import bounds_of
+from suite.effort import FULL, Effort
 from suite.errors import BadInput
 from suite.plan import BOUND, TIMING, TRUTH, WorkBlock, version
 from suite.record import Recorder, Report
@@ -23,12 +24,13 @@ Load = Callable[[tuple[str, ...]], Catalog]
 
 @dataclass(frozen=True)
 class Context:
-    """What every block of a command shares: where to store, how to load the registries, the command itself."""
+    """What every block of a command shares: where to store, how to load the registries, the command itself, the effort."""
 
     results: str
     load: Load
     plugins: tuple[str, ...]
     command: str
+    effort: Effort = FULL
 
 
 def start(context: Context) -> None:
@@ -48,12 +50,12 @@ def perform(context: Context, block: WorkBlock) -> Report:
     if block.kind == TRUTH:
         return write.truth(block, simulated(case, block.seed, block.first, block.count))
     if block.kind == BOUND:
-        return write.bounds(block, bounds_of(case, block.seed))
+        return write.bounds(block, bounds_of(case, block.seed, context.effort))
     estimator = write.catalog.estimators[str(block.estimator)]
-    if version(block.kind, write.catalog, case, estimator, block.seed) != block.version:
+    if version(block.kind, write.catalog, case, estimator, block.seed, context.effort) != block.version:
         raise BadInput(f"the sources of {block.estimator} on {block.case} changed while it ran; repeat the command")
     if block.kind == TIMING:
-        return write.timing(block, measure_time(case, estimator, block.seed))
+        return write.timing(block, measure_time(case, estimator, block.seed, context.effort))
     return write.estimate(block, compute(case, estimator, block.seed, block.first, block.count))
 
 

@@ -148,7 +148,8 @@ THROUGHPUT = Metric(
     unit="run-steps/s",
     better="higher",
     formula=r"\frac{R\,T}{\text{seconds}}",
-    words="Steps of runs computed a second when many runs are filtered together; one thread, after a warm-up.",
+    words="Steps of runs computed a second when a few runs are filtered together; one thread, after a warm-up. Filters that "
+    "work on whole arrays compute more of them a second with more runs.",
     reference=HERE,
     fn=seconds_per_run_step,
     link=np.reciprocal,
@@ -161,7 +162,7 @@ PARTICLE_THROUGHPUT = Metric(
     unit="particle-steps/s",
     better="higher",
     formula=r"\frac{N\,R\,T}{\text{seconds}}",
-    words="Steps of particles computed a second when many runs are filtered together: the throughput times the number of "
+    words="Steps of particles computed a second when a few runs are filtered together: the throughput times the number of "
     "particles that the estimator is set to. Filters that carry as many in each mode, or in each of two filters, do so many "
     "times more, so estimators are not ranked by it. There is none for an estimator without particles.",
     reference=HERE,
@@ -177,7 +178,7 @@ MEMORY = Metric(
     unit="MiB",
     better="lower",
     formula=r"\max_t \, \text{bytes in use at } t \; / \; 2^{20}",
-    words="Most memory that a call has in use at any time beyond what was in use before it, with one run and with many "
+    words="Most memory that a call has in use at any time beyond what was in use before it, with one run and with a few "
     "together: arrays of NumPy and objects of Python, what is returned included. The call has three steps, and is made apart "
     "from the timed ones, after a warm-up. What other libraries allot by themselves is left out, as are the program and its "
     "modules. It is counted, not sampled, so there is no interval; but objects of Python that are kept for reuse move it by up "
@@ -197,9 +198,9 @@ LOGLIK_VARIANCE = Metric(
     formula=r"\frac{1}{R\,K} \sum_{r=1}^{R} \operatorname{var}_s \left( \sum_{k=1}^{K} "
     r"\log \hat p_s \left( y_k^{(r)} \mid y_1^{(r)}, \ldots, y_{k-1}^{(r)} \right) \right)",
     words="How much the log-likelihood of the same data differs between repeated filters s that draw other random numbers: "
-    "variance over the timed calls of many runs, divided by the number of steps K of such a call, mean over its runs. It falls "
-    "as one over the number of particles, when there are enough of them. Zero for a filter that draws nothing. Runs that any "
-    "of the calls lost are left out. There is none where the calls have fewer than 10 steps, as with slow filters, and none "
+    "variance over the timed calls of several runs, divided by the number of steps K of such a call, mean over its runs. It "
+    "falls as one over the number of particles, when there are enough of them. Zero for a filter that draws nothing. Runs that "
+    "any of the calls lost are left out. There is none where the calls have fewer than 10 steps, as with slow filters, nor "
     "without a log-likelihood.",
     reference="M. K. Pitt, R. dos Santos Silva, P. Giordani, R. Kohn, On some properties of Markov chain Monte Carlo "
     "simulation methods based on the particle filter, Journal of Econometrics 171(2), 2012, 134-151",

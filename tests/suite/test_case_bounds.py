@@ -10,6 +10,7 @@ from suite import bounds
 from suite.bounds import trajectories
 from suite.case import FROM_ANOTHER, FROM_MODEL, GIVEN_TRACK, RECORDED, StateBlock, Truth, draw
 from suite.case_bounds import UNKNOWN, bounds_of
+from suite.effort import BRIEF
 from suite.jump import JumpModel
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
@@ -123,7 +124,7 @@ def test_a_truth_nobody_knows_has_no_bound_where_slopes_depend_on_it():
 def test_bounds_are_read_as_they_were_stored(cli, inline, tmp_path):
     results = tmp_path / "results"
     assert cli("run", "-c", "jump-linear", "-e", "imm-ekf", "--runs", 2, "--results", results).code == 0
-    read, computed = load(results).cases["jump-linear"].bounds, bounds_of(CASES["jump-linear"], 1)
+    read, computed = load(results).cases["jump-linear"].bounds, bounds_of(CASES["jump-linear"], 1, BRIEF)
     assert len(read) == len(computed) == 2
     for a, b in zip(read, computed, strict=True):
         assert (a.kind, a.reason) == (b.kind, b.reason)

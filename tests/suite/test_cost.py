@@ -11,13 +11,14 @@ from estimators.bootstrap import Bootstrap
 from estimators.ekf import Extended
 from suite import results
 from suite.case import Truth, draw
+from suite.effort import FULL
 from suite.estimator import FAILED, LOST, OK, Estimate
 from suite.metrics import METRICS, Evidence
 from suite.metrics.cost import Calls, quantile_ranks
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
 from suite.random import Streams
-from suite.work import REPEATS, SHORT, TAIL_STEPS, TIMED_RUNS, measure_time
+from suite.work import SHORT, TAIL_STEPS, measure_time
 
 CASE = CASES["linear-gaussian"]
 VOLATILE = CASES["stochastic-volatility"]
@@ -146,13 +147,13 @@ def test_what_is_timed(steps):
     timing = measure_time(case, Extended(), seed=1)
     alone = timing.batch.count(1)
     assert timing.status == OK
-    assert timing.batch == (1,) * alone + (TIMED_RUNS,) * REPEATS
+    assert timing.batch == (1,) * alone + (FULL.runs,) * FULL.repeats
     assert timing.seconds.shape[1] == len(timing.batch) == len(timing.memory) == len(timing.logliks)
     assert SHORT <= len(timing.seconds) <= steps
-    assert alone == REPEATS or TAIL_STEPS <= alone * len(timing.seconds) < TAIL_STEPS + len(timing.seconds)
-    y = case.simulate(TIMED_RUNS, seed=1).y[: len(timing.seconds)]
+    assert alone == FULL.repeats or TAIL_STEPS <= alone * len(timing.seconds) < TAIL_STEPS + len(timing.seconds)
+    y = case.simulate(FULL.runs, seed=1).y[: len(timing.seconds)]
     expected = Extended().run(case.model, y).loglik.sum(0)
-    np.testing.assert_array_equal(timing.logliks[alone:], np.tile(expected, (REPEATS, 1)))
+    np.testing.assert_array_equal(timing.logliks[alone:], np.tile(expected, (FULL.repeats, 1)))
     np.testing.assert_allclose(timing.logliks[:alone, 0], np.resize(expected, alone), rtol=1e-12)
     assert np.isnan(timing.logliks[:alone, 1:]).all()
 
@@ -188,14 +189,14 @@ def test_memory_is_the_peak_of_a_call_and_not_what_it_leaves():
     assert plain[-1] < 2**17
     assert abs(greedy[0] / 2**24 - 1) < 0.01
     assert abs(greedy[-1] / 2**24 - 1) < 0.01
-    returned = 8 * SHORT * TIMED_RUNS * (4 + 16)
+    returned = 8 * SHORT * FULL.runs * (4 + 16)
     assert returned < plain[-1] < 3 * returned + 2**14
 
 
 def test_lost_runs_have_no_log_likelihood():
     status = lambda steps, runs: [LOST] + [OK] * (runs - 1)  # noqa: E731
     timing = measure_time(CASE, Greedy(loglik=lambda *shape: np.ones(shape), status=status), 1)
-    many = timing.logliks[-REPEATS:]
+    many = timing.logliks[-FULL.repeats :]
     assert np.isnan(many[:, 0]).all()
     np.testing.assert_array_equal(many[:, 1:], len(timing.seconds))
 
@@ -208,20 +209,20 @@ def test_times_that_cannot_be_fail_the_timing(value):
 
 def test_what_is_measured_is_stored_and_scored(tiny, tmp_path):
     """Smoothing with noise of standard deviation 0.5 in what it gives out as log-likelihoods: of 20 steps, 0.25 a step."""
-    assert tiny("-e", "smoothed[jitter=0.5]", "last").code == 0
+    assert tiny("-e", "smoothed[jitter=0.5]", "last", "--profile", "paper", "--runs", "12").code == 0
     cells = results.load(tmp_path / "results").cases["tiny"].cells
     cell = cells["smoothed[jitter=0.5]"]
     assert isinstance(cell.timing, Calls)
-    assert cell.timing.logliks.shape == (len(cell.timing.batch), TIMED_RUNS)
+    assert cell.timing.logliks.shape == (len(cell.timing.batch), FULL.runs)
     # 20 runs with 4 degrees of freedom each: 80 in all, and a chi-square of 80 is within 0.33 to 2.1 times its mean but for
     # 1e-6 of the time on each side.
     found = cell.scores(METRICS["loglik-variance"])["measurement"]
-    assert found.runs == TIMED_RUNS
+    assert found.runs == FULL.runs
     assert stats.chi2.ppf(1e-6, 80) / 80 < found.value / 0.25 < stats.chi2.isf(1e-6, 80) / 80
-    one, many = (set(cell.timing.memory[np.equal(cell.timing.batch, runs)]) for runs in (1, TIMED_RUNS))
+    one, many = (set(cell.timing.memory[np.equal(cell.timing.batch, runs)]) for runs in (1, FULL.runs))
     assert len(one) == len(many) == 1, "all steps of all calls with as many runs say the same"
     assert max(one) < min(many)
-    assert list(cell.scores(METRICS["memory"])) == ["one run", f"{TIMED_RUNS} runs"]
+    assert list(cell.scores(METRICS["memory"])) == ["one run", f"{FULL.runs} runs"]
     assert cells["last"].timing.logliks is None
     assert cells["last"].scores(METRICS["loglik-variance"]) == {}
 

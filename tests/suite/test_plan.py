@@ -8,7 +8,9 @@ import pytest
 import cases
 from estimators import ESTIMATORS
 from suite import parameters, plan, provenance
+from suite.effort import BRIEF, FULL
 from suite.errors import BadInput
+from suite.estimator import told
 from suite.published import Experiment
 from suite.registry import catalog
 from suite.store import Entry
@@ -23,10 +25,10 @@ def known():
 
 @pytest.fixture
 def make(known):
-    def make(names, runs=4, size=2, seed=1, entries=(), retry=False, chosen=("tiny",)):
+    def make(names, runs=4, size=2, seed=1, entries=(), retry=False, chosen=("tiny",), effort=FULL):
         chosen_cases = known.cases.select(chosen)
         wanted = dict.fromkeys(chosen_cases, known.estimators.select(names))
-        return plan.make(known, wanted, dict.fromkeys(chosen_cases, runs), seed, size, entries, retry)
+        return plan.make(known, wanted, dict.fromkeys(chosen_cases, runs), seed, size, entries, retry, effort)
 
     return make
 
@@ -55,7 +57,7 @@ def test_the_paper_profile_runs_the_experiment_of_a_case(known):
     quick, paper = (plan.PROFILES[name] for name in ("quick", "paper"))
     assert (paper.runs_of(case), paper.runs_of(plain), quick.runs_of(case)) == (7, 100, 6)
     assert [parameters.label(e) for e in paper.estimators_of(case, known.estimators)] == ["kalman", "bootstrap[particles=5]"]
-    for profile, given in ((paper, plain), (quick, case)):
+    for profile, given in ((paper, plain), (plan.PROFILES["whole"], case)):
         assert profile.estimators_of(given, known.estimators) == list(known.estimators.values())
 
 
@@ -72,12 +74,59 @@ def test_long_cases_get_fewer_runs_in_the_quick_profile(known):
 
 
 def test_large_states_get_fewer_runs_in_the_quick_profile(known):
-    """From ten components on in proportion; a matrix of the state has their square."""
+    """From eight components on in proportion to their square, as a matrix of the state has so many numbers."""
     runs = {n: plan.PROFILES["quick"].runs_of(known.cases[f"high-dimensional/{n}"]) for n in (5, 10, 20, 50)}
-    assert runs == {5: 12, 10: 12, 20: 12, 50: 12}
-    wide = dataclasses.replace(known.cases["high-dimensional/50"], steps=40)
-    assert plan.PROFILES["quick"].runs_of(wide) == 3
-    assert plan.PROFILES["quick"].runs_of(dataclasses.replace(known.cases["high-dimensional/20"], steps=40)) == 7
+    assert {case.name for case in known.cases.values() if len(case.state) != case.model.n} == set()
+    assert runs == {5: 12, 10: 12, 20: 600 * 64 // (10 * 400), 50: 3}, "ten steps each; 600 run-steps of eight components"
+
+
+def left_out(known, case, profile=plan.PROFILES["quick"]):
+    return {e.name for e in known.estimators.values() if profile.left_out(e.name, case)}
+
+
+def test_the_quick_profile_leaves_slow_estimators_out_of_long_cases(known):
+    """Each runs up to a size of its own; the few that are fast run on every case."""
+    case = known.cases["linear-gaussian"]
+    short, middle, long, longer = (left_out(known, dataclasses.replace(case, steps=n)) for n in (60, 61, 200, 201))
+    assert short == set()
+    assert middle == long == {"progressive", "unscented", "isir", *(n for n in known.estimators if n.startswith("filterpy:"))}
+    assert known.estimators.keys() - longer == {"kalman", "ekf", "ukf", "ckf", "bootstrap", "imm-ekf"}
+    assert left_out(known, known.cases["high-dimensional/50"]) == longer, "10 steps of 50 components count as 391"
+    assert left_out(known, known.cases["high-dimensional/5"]) == set()
+
+
+def test_what_is_left_out_is_told_with_the_way_to_run_it(known):
+    reason = plan.PROFILES["quick"].left_out("progressive", known.cases["re-entry"])
+    assert reason.startswith("left out of the profile quick for the time it takes: 2000 steps, 5 components of the state; ")
+    assert reason.endswith("`filterbench run --profile whole` or naming the estimator runs it")
+
+
+def test_every_case_and_every_estimator_runs_in_the_quick_profile_and_refusals_are_said(known):
+    quick, run = plan.PROFILES["quick"], set()
+    for case in known.cases.values():
+        asked = set(quick.estimators_of(case, known.estimators))
+        refused = {e for e in known.estimators.values() if e.accepts(told(e, case.model))}
+        assert refused <= asked
+        assert {e.name for e in asked - refused}.isdisjoint(left_out(known, case))
+        assert quick.runs_of(case) >= 3
+        run |= {(case.name, e.name) for e in asked - refused}
+    assert [{*names} for names in zip(*run, strict=True)] == [known.cases.keys(), known.estimators.keys()]
+
+
+def test_the_whole_profile_adds_what_quick_left_out(known):
+    """Both have the same runs and blocks, so that what quick stored is not run again."""
+    case = known.cases["vehicle/1"]
+    quick, whole = (plan.PROFILES[name] for name in ("quick", "whole"))
+    chosen = known.estimators.select(["ekf", "isir", "imm-ekf"])  # one runs, one is left out, one refuses
+    kept = [e for e in quick.estimators_of(case, known.estimators) if e in chosen]
+    planned = [
+        set(plan.make(known, {case: estimators}, {case: profile.runs_of(case)}, 1, profile.block, ()).blocks)
+        for profile, estimators in ((quick, kept), (whole, chosen))
+    ]
+    assert planned[0] < planned[1]
+    assert {b.estimator for b in planned[1] - planned[0]} == {"isir"}
+    assert quick.block == whole.block
+    assert not any(left_out(known, c, p) for c in known.cases.values() for p in (whole, plan.PROFILES["paper"]))
 
 
 def test_truth_comes_first_and_timing_last(make):
@@ -95,6 +144,16 @@ def test_a_bound_is_computed_once_a_case(known, make):
     ]
     assert not spans(make(["kalman"], runs=9, entries=entries, chosen=["tiny", "linear-gaussian"]), plan.BOUND)
     assert len(spans(make(["last"], seed=2, entries=entries), plan.BOUND)) == 1
+
+
+@pytest.mark.parametrize("kind", [plan.BOUND, plan.TIMING])
+def test_what_is_made_once_is_made_again_for_more_effort_but_not_for_less(make, kind):
+    brief, full = make(["last"], effort=BRIEF), make(["last"], effort=FULL)
+    assert addresses(brief, kind).isdisjoint(addresses(full, kind))
+    assert addresses(brief) == addresses(full)
+    assert spans(make(["last"], entries=[entry(b) for b in brief.blocks], effort=FULL), kind) == [(0, 1)]
+    assert not spans(make(["last"], entries=[entry(b) for b in full.blocks], effort=BRIEF), kind)
+    assert not spans(make(["last"], entries=[entry(b) for b in brief.blocks], effort=BRIEF), kind)
 
 
 def test_addresses_differ(make):
