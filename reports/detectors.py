@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from suite import roc
 from suite.linalg import Array
@@ -12,8 +13,12 @@ from suite.metrics.detection import scores
 from suite.operating import operating_points
 from suite.results import CaseResults
 
-CURVE_POINTS = 400
-"""Points of a curve that are kept at most; a curve of many scans has as many as there are scores."""
+MOST_CORNERS = 400
+"""A curve with more is thinned; one of many scans has nearly as many as there are scores."""
+NEAR_ENOUGH = 1 / 800
+"""How far a point of a curve may be from the one that is kept: less than a drawing shows."""
+STRAIGHT = 1e-9
+"""A turn by less, in radians, is rounding."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +48,32 @@ def _both(part: Array) -> bool:
 
 
 def _thinned(curve: roc.Curve) -> tuple[list[float], list[float]]:
-    """The corners of a curve, of many those that are spread evenly along it."""
-    along = np.append(0, np.cumsum(np.abs(np.diff(curve.false_alarm)) + np.abs(np.diff(curve.detection))))
-    at = np.unique(np.searchsorted(along, np.linspace(0, along[-1], CURVE_POINTS)))
-    at = np.arange(len(along)) if len(along) <= CURVE_POINTS else at
-    return curve.false_alarm[at].tolist(), curve.detection[at].tolist()
+    """The corners of a curve; of many, as many that no point is farther than `NEAR_ENOUGH` from the line through those kept."""
+    points = np.stack([curve.false_alarm, curve.detection])
+    points = points[:, _corners(points)]
+    if points.shape[1] > MOST_CORNERS:
+        points = points[:, _kept(points)]
+    return points[0].tolist(), points[1].tolist()
+
+
+def _corners(points: Array) -> NDArray[np.bool_]:
+    """Where points[2, D] are no part of a straight line, the ends included [D]."""
+    x, y = steps = np.diff(points)
+    length = np.hypot(*steps)
+    turn = np.abs(x[:-1] * y[1:] - y[:-1] * x[1:]) > STRAIGHT * length[:-1] * length[1:]
+    return np.concatenate([[True], turn, [True]])
+
+
+def _kept(points: Array) -> list[int]:
+    """Places of points[2, D] to keep, the ends included: the farthest one, then both sides (Douglas and Peucker, 1973)."""
+    kept, waiting = {0, points.shape[1] - 1}, [(0, points.shape[1] - 1)]
+    while waiting:
+        first, last = waiting.pop()
+        inner = points[:, first + 1 : last] - points[:, first, None]
+        along = points[:, last] - points[:, first]
+        away = np.abs(along[0] * inner[1] - along[1] * inner[0]) / np.hypot(*along)
+        if away.max(initial=0.0) > NEAR_ENOUGH:
+            middle = first + 1 + int(away.argmax())
+            kept.add(middle)
+            waiting += [(first, middle), (middle, last)]
+    return sorted(kept)

@@ -22,6 +22,7 @@ def to_json(case: CaseView) -> str:
         "seed": case.results.seed,
         "runs": case.runs,
         "known": case.known,
+        "rounding": dict(case.rounding),
         "keys": case.keys,
         "columns": COLUMNS,
         "estimators": [_of_cell(cell) for cell in case.cells.values()],
@@ -41,6 +42,7 @@ def from_json(text: str, results: CaseResults) -> CaseView:
         tuple(_pair(key) for key in said["keys"]),
         said["runs"],
         said["known"],
+        said["rounding"],
         tuple(_score(each) if each else None for each in said["measured"]),
         tuple(_detector(each) for each in said["detectors"]),
     )

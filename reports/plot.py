@@ -12,24 +12,31 @@ from suite.linalg import Array
 
 TABLE_ROWS = 60
 """Rows of a figure's table on the page at most; its file has all."""
+MARKERS_ON_A_LINE = 7
+"""Of a figure for LaTeX."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """Values of a figure's data under their head; series: label of the estimator they are of, role: value, low or high."""
+    """Values of a figure's data under their head; series: label of the estimator they are of, role: value, low or high.
+
+    over: head of the column that is their abscissa, where that is not the first one.
+    """
 
     head: str
     values: Sequence[object] | Array
     series: str = ""
     role: str = "value"
+    over: str = ""
 
 
 @dataclass(frozen=True)
 class Plot:
     """A figure with its title, caption, drawing (None where there is nothing to draw), estimators in its legend, and data.
 
-    The first column is the abscissa. x, y: titles of the axes with their units; log: which of them are logarithmic ("", "x",
-    "y", "xy"). whole: the rows in which nothing is left out, where that is not all of them.
+    The first column is the abscissa, or names points. x, y: titles of the axes with their units; log: which of them are
+    logarithmic ("", "x", "y", "xy"). whole: the rows in which nothing is left out, where that is not all of them. first: those
+    of many estimators that are shown at first; all where it is empty. nothing: why there is nothing to draw.
     """
 
     id: str
@@ -42,6 +49,8 @@ class Plot:
     y: str = ""
     log: str = ""
     whole: Sequence[int] = ()
+    first: Sequence[str] = ()
+    nothing: str = ""
 
     @property
     def header(self) -> list[str]:
@@ -81,7 +90,7 @@ def _word(value: object, first: bool) -> str:
 
 
 def data_files(stem: str, plots: Sequence[Plot]) -> Iterator[tuple[str, str]]:
-    """The data of figures as CSV files, and each figure for LaTeX, drawn by pgfplots from its CSV file."""
+    """The data of figures as CSV files, and each figure for LaTeX, drawn by pgfplots."""
     for plot in plots:
         if plot.drawing:
             yield f"data/{stem}-{plot.id}.csv", to_csv(plot)
@@ -89,25 +98,95 @@ def data_files(stem: str, plots: Sequence[Plot]) -> Iterator[tuple[str, str]]:
 
 
 def to_csv(plot: Plot) -> str:
-    """The data of a figure, comma-separated, numbers to seven digits; what does not exist is empty."""
-    lines = [",".join(_quoted(head) for head in plot.header)]
-    lines += [",".join(_cell(column.values[i]) for column in plot.columns) for i in range(plot.steps)]
+    """The data of a figure."""
+    return table_csv(plot.columns)
+
+
+def table_csv(columns: Sequence[Column]) -> str:
+    """Columns, comma-separated, numbers to seven digits; what does not exist is empty."""
+    lines = [",".join(_quoted(column.head) for column in columns)]
+    lines += [",".join(_cell(value) for value in row) for row in zip(*(column.values for column in columns), strict=True)]
     return "\n".join(lines) + "\n"
 
 
 def to_latex(plot: Plot, table: str) -> str:
-    """A figure for LaTeX with the package pgfplots, which reads its numbers from the CSV file `table` beside it."""
+    """A figure for LaTeX with the package pgfplots.
+
+    It reads its numbers from the CSV file `table` beside it, in which pgfplots must find no words; where rows have names the
+    numbers stand in the figure itself.
+    """
     kind = {"": "axis", "x": "semilogxaxis", "y": "semilogyaxis", "xy": "loglogaxis"}[plot.log]
-    lines = [r"% Needs \usepackage{pgfplots}, \pgfplotsset{compat=1.18}.", r"\begin{figure}", r"\centering",
-             r"\begin{tikzpicture}",
-             rf"\begin{{{kind}}}[width=\linewidth, height=0.55\linewidth, xlabel={{{tex(plot.x)}}}, ylabel={{{tex(plot.y)}}},",
-             r"  legend pos=outer north east, legend cell align=left, unbounded coords=jump]"]  # fmt: skip
+    names = next((column.values for column in plot.columns if _words(column)), None)
+    drawn = _lines(plot, table) if names is None else _points(plot, [str(name) for name in names])
+    ticks = ""
+    if names is not None and not any(column.over for column in plot.columns):
+        words = ", ".join(f"{{{tex(str(name))}}}" for name in names)
+        ticks = rf"  xtick={{1,...,{len(names)}}}, xticklabels={{{words}}}, x tick label style={{rotate=60, anchor=east}},"
+    return "\n".join([
+        r"% Needs \usepackage{pgfplots} and \pgfplotsset{compat=1.18}.",
+        r"\begin{figure}",
+        r"\centering",
+        r"\begin{tikzpicture}",
+        rf"\begin{{{kind}}}[width=\linewidth, height=0.55\linewidth, xlabel={{{tex(plot.x)}}}, ylabel={{{tex(plot.y)}}},",
+        *([ticks] if ticks else []),
+        r"  cycle multiindex* list={exotic\nextlist linestyles\nextlist}, legend cell align=left, legend columns=2,",
+        r"  legend style={at={(0.5,-0.3)}, anchor=north, font=\footnotesize}, unbounded coords=jump]",
+        *drawn,
+        rf"\end{{{kind}}}",
+        r"\end{tikzpicture}",
+        rf"\caption{{{tex(plot.caption)}}}",
+        r"\end{figure}",
+        "",
+    ])  # fmt: skip
+
+
+def _curves(plot: Plot) -> Iterator[tuple[int, int]]:
+    """Places of the columns that are drawn, each with that of its abscissa."""
+    abscissae = {column.over for column in plot.columns}
     for place, column in enumerate(plot.columns):
-        if place and column.role == "value" and not _words(column):
-            lines.append(rf"\addplot table[col sep=comma, x index=0, y index={place}]{{{table}}};")
-            lines.append(rf"\addlegendentry{{{tex(column.series or column.head)}}}")
-    lines += [rf"\end{{{kind}}}", r"\end{tikzpicture}", rf"\caption{{{tex(plot.caption)}}}", r"\end{figure}"]
-    return "\n".join(lines) + "\n"
+        if place and column.role == "value" and column.head not in abscissae and not _words(column):
+            yield place, plot.header.index(column.over) if column.over else 0
+
+
+def _ends(plot: Plot, place: int) -> list[int]:
+    """Places of the columns with the lower and the upper end of the intervals of the one at a place, which follow it."""
+    following = [column.role for column in plot.columns[place + 1 : place + 3]]
+    return [place + 1, place + 2] if following == ["low", "high"] else []
+
+
+def _lines(plot: Plot, table: str) -> Iterator[str]:
+    """Lines through the rows of the CSV file; thin ones of the same colour at the ends of the intervals."""
+    markers = f"mark repeat={max(1, plot.steps // MARKERS_ON_A_LINE)}"
+    for y, x in _curves(plot):
+        read = f"table[col sep=comma, header=false, skip first n=1, x index={x}, y index="
+        for end in _ends(plot, y):
+            yield rf"\addplot+[no marks, solid, thin, opacity=0.4, forget plot] {read}{end}]{{{table}}};"
+        yield rf"\addplot+[{markers}] {read}{y}]{{{table}}};"
+        yield rf"\addlegendentry{{{tex(plot.columns[y].series or plot.columns[y].head)}}}"
+
+
+def _points(plot: Plot, names: Sequence[str]) -> Iterator[str]:
+    """Marks with their intervals: rows of the same name as one series, or, over the rows themselves, columns."""
+    for y, x in _curves(plot):
+        groups = {plot.columns[y].series or plot.columns[y].head: list(range(plot.steps))}
+        if plot.columns[y].over:
+            groups = {name: [i for i, other in enumerate(names) if other == name] for name in names}
+        for name, rows in groups.items():
+            yield r"\addplot+[only marks, error bars/.cd, x dir=both, x explicit, y dir=both, y explicit]"
+            yield r"  table[x=x, y=y, x error minus=xl, x error plus=xh, y error minus=yl, y error plus=yh]{"
+            yield "x xl xh y yl yh"
+            for i in rows:
+                across = _bars(plot, x, i) if plot.columns[y].over else [str(i + 1), "0", "0"]
+                yield " ".join([*across, *_bars(plot, y, i)])
+            yield "};"
+            yield rf"\addlegendentry{{{tex(name)}}}"
+
+
+def _bars(plot: Plot, place: int, row: int) -> list[str]:
+    """The value of a column in a row, and how far its interval reaches below and above it."""
+    value, *ends = (float(plot.columns[at].values[row]) for at in (place, *_ends(plot, place)))  # type: ignore[arg-type]
+    reach = [abs(end - value) if np.isfinite(end) else 0.0 for end in ends] or [0.0, 0.0]
+    return [f"{x:.7g}" for x in (value, *reach)]
 
 
 def _words(column: Column) -> bool:
@@ -125,10 +204,22 @@ def _quoted(text: str) -> str:
     return '"' + text.replace('"', '""') + '"' if re.search(r'[",\r\n]', text) else text
 
 
-_SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\u202f": r"\,"}
+_SPECIAL = {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\u00a0": "~", "\u202f": r"\,",
+    "\N{MINUS SIGN}": "$-$", "\N{MULTIPLICATION SIGN}": r"$\times$", "·": r"$\cdot$", "±": r"$\pm$", "√": r"$\surd$",
+    "∞": r"$\infty$", "≤": r"$\leq$", "≥": r"$\geq$", "≈": r"$\approx$", "≠": r"$\neq$", "→": r"$\to$", "↦": r"$\mapsto$",
+    "µ": r"$\mu$", "°": r"$^\circ$", "✕": r"$\times$", "⁻": "$^-$", "…": r"\dots{}", "\N{EN DASH}": "--", "—": "---",
+    "\N{LEFT SINGLE QUOTATION MARK}": "`", "\N{RIGHT SINGLE QUOTATION MARK}": "'", "“": "``", "”": "''", "[": "{[}", "]": "{]}",
+}  # fmt: skip
 _SPECIAL |= {sign: f"\\{sign}" for sign in "&%$#_{}"}
+_SPECIAL |= {sign: f"$^{i}$" for i, sign in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")} | {sign: f"$_{i}$" for i, sign in enumerate("₀₁₂₃₄₅₆₇₈₉")}
+_GREEK = (
+    "αalpha βbeta γgamma δdelta εvarepsilon ζzeta ηeta θtheta κkappa λlambda μmu νnu πpi ρrho σsigma τtau φvarphi χchi ψpsi "
+    "ωomega ΔDelta ΣSigma ΩOmega"
+)
+_SPECIAL |= {name[0]: f"$\\{name[1:]}$" for name in _GREEK.split()}
 
 
 def tex(text: str) -> str:
     """Words for LaTeX, signs that it would take for commands escaped."""
-    return "".join(_SPECIAL.get(sign, sign) for sign in " ".join(text.split()))
+    return "".join(_SPECIAL.get(sign, sign) for sign in re.sub(r"[ \t\r\n]+", " ", text).strip(" "))

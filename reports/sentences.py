@@ -7,12 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from reports.text import count, listed, quantity
+from reports.text import count, grouped, listed, quantity
 from reports.views import CaseView, CellView, Key
 from suite.bounds import BEST_FIT, CONDITIONAL, KNOWN_MODES, NONE, POSTERIOR
 from suite.case import RECORDED
 from suite.case_bounds import BlockBound
-from suite.diagnosis import SURE
 from suite.linalg import Array
 from suite.metrics import METRICS
 from suite.score import BEST
@@ -20,6 +19,8 @@ from suite.score import BEST
 FEW_CASES = 3
 """Up to so many cases are told one by one, more are counted."""
 NAMES_IN_A_LIST = 5
+MOST_NAMED = 3
+"""Estimators that are named of those that lead most often."""
 BOUND_NAMES = {
     POSTERIOR: "posterior Cramér-Rao bound",
     CONDITIONAL: "covariance linearised along each truth (no bound)",
@@ -109,15 +110,31 @@ def _counted(keyed: Sequence[tuple[CaseView, Key]], thing: str) -> str:
     ranked = [(case, key) for case, key in keyed if case.leaders(key)]
     if not ranked:
         return f"By {thing}, no estimator can be said to lead in any of {count(len(keyed), 'case')}."
-    leads = Counter(c.label for case, key in ranked for c in case.leaders(key))
+    leads = Counter(c.label for case, key in ranked for c in case.leaders(key)).most_common()
     alone = Counter(c.label for case, key in ranked for c in case.leaders(key) if c.standing[key] == BEST)
-    told = [f"in {n} of {len(keyed)} cases (alone in {alone[label] or 'none'})" for label, n in leads.most_common(3)]
-    (first, _), *others = leads.most_common(3)
-    rest = [f"{label} {words}" for (label, _), words in zip(others, told[1:], strict=True)]
-    more = f"{count(len(leads) - 3, 'other estimator')} in fewer or as many" if len(leads) > 3 else ""
+    told = [f"{label} in {n}{f' (alone in {alone[label]})' if alone[label] else ''}" for label, n in leads[:MOST_NAMED]]
+    others = sum(n == leads[MOST_NAMED - 1][1] for _, n in leads[MOST_NAMED:])
+    also = f", and {count(others, 'other')} in as many" if others else ""
     ahead = sum(bool(case.ahead(key)) for case, key in keyed)
     left = f"in {count(ahead, 'case')} one that is not ranked, for its failures or faults, has a smaller value" if ahead else ""
-    return f"By {thing}, {first} leads or ties for the lead {'; '.join(filter(None, [told[0], *rest, more, left]))}."
+    every = len(ranked) == len(keyed)
+    of = count(len(ranked), "case") if every else f"the {len(ranked)} of {len(keyed)} cases where anybody can be ranked"
+    return f"By {thing}, in {of}, most often best or among the best: {'; '.join(filter(None, [listed(told) + also, left]))}."
+
+
+def behind(cases: Sequence[CaseView]) -> str:
+    """How much lies behind the scores: runs a cell, and particles where there are any; nothing where nothing ran."""
+    ran = [cell for case in cases for cell in case.cells.values() if cell.total]
+    if not ran:
+        return ""
+    carried = [n for cell in ran if isinstance(n := cell.meta.get("parameters", {}).get("particles"), int)]
+    particles = f"; particle filters carry {_range(carried, 'particle')}" if carried else ""
+    return f"{_range([cell.total for cell in ran], 'run')} a cell{particles}"
+
+
+def _range(numbers: Sequence[int], one: str) -> str:
+    low, high = min(numbers), max(numbers)
+    return count(high, one) if low == high else f"{grouped(low)} to {count(high, one)}"
 
 
 def _robustness(cases: Sequence[CaseView]) -> str:
@@ -147,10 +164,7 @@ def _faults(cells: Sequence[CellView]) -> str:
     if not faulty:
         return ""
     kinds = listed([f"{kind} in {n}" for kind, n in Counter(itertools.chain(*map(sorted, found))).most_common()])
-    return (
-        f" In {faulty} of {count(ran, 'combination')} that ran, scores show a fault of the estimator ({kinds}; "
-        f"of right ones each kind shows in less than one of {1 / SURE:.0f})."
-    )
+    return f" In {faulty} of {count(ran, 'combination')} that ran, scores show a fault of the estimator ({kinds})."
 
 
 def diverged(cell: CellView) -> int:
@@ -197,12 +211,13 @@ def bounded(bounds: Sequence[tuple[BlockBound, Array, Array]]) -> str:
 
 
 def _share(n: int, one: str, many: str) -> str:
-    return f"none {one}" if n == 0 else f"{n} {one if n == 1 else many}"
+    return f"none {one}" if n == 0 else f"{grouped(n)} {one if n == 1 else many}"
 
 
 def _who(found: Sequence[tuple[CaseView, CellView, int]]) -> str:
-    """Where it went wrong: the cells with the most such runs."""
+    """Where it went wrong: the cells, or one of the worst where they are more than two."""
     worst = sorted(found, key=lambda f: -f[2])
-    named = [f"{cell.label} on {case.card.name}, {n} of {cell.total}" for case, cell, n in worst[:2]]
-    rest = f", and {count(len(worst) - 2, 'other cell')}" if len(worst) > 2 else ""
-    return f" ({'; '.join(named)}{rest})" if named else ""
+    named = [f"{cell.label} on {case.card.name}, {n} of {cell.total}" for case, cell, n in worst]
+    if len(named) > 2:
+        return f" (in {len(named)} cells, among them {named[0]})"
+    return f" ({'; '.join(named)})" if named else ""

@@ -1,24 +1,32 @@
-"""What the figures of a case draw: errors over time and tracks on the ground, as plain arrays."""
+"""What figures over time draw, as plain arrays, and the order in which they name estimators."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from reports.sentences import first_block
+from reports.views import CaseView
 from suite.case import RECORDED
 from suite.linalg import Array
-from suite.metrics import Metric, counted
+from suite.metrics import METRICS, Metric, counted
 from suite.metrics.consistency import chi_square_band
 from suite.results import CaseResults, Cell
-from suite.statistics import mean_over_time, means
+from suite.score import ROUNDING, loss, rounding
+from suite.statistics import means
 
-BAND_POINTS = 200
+BAND_POINTS = 100
 """Steps at which the interval over time is computed; the line itself has all steps."""
+SHOWN_FIRST = 8
+"""Of many estimators a figure shows so many at first."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """A metric over time for one estimator: time[T] and value[T]; the interval low[B], high[B] at the steps `at`[B]."""
+    """A metric over time for one estimator: time[T] and value[T]; the interval low[B], high[B] at the steps `at`[B].
+
+    negligible: values up to this are rounding; minus infinity where none are.
+    """
 
     label: str
     time: Array
@@ -28,11 +36,22 @@ class Series:
     high: Array
     runs: int
     total: int
+    negligible: float = -np.inf
 
     @property
     def hidden(self) -> int:
         """Steps whose value is infinite, or is missing: a line cannot show them."""
         return int((~np.isfinite(self.value)).sum())
+
+    @property
+    def peak(self) -> float:
+        """The largest finite value; minus infinity without any."""
+        return float(self.value[np.isfinite(self.value)].max(initial=-np.inf))
+
+    @property
+    def rounding(self) -> bool:
+        """Whether there is nothing in it but rounding."""
+        return -np.inf < self.peak <= self.negligible
 
     def spread(self, end: Array) -> Array:
         """An end of the interval over all steps [T], NaN where it was not computed."""
@@ -54,20 +73,27 @@ class Band:
     dimension: int
 
 
-@dataclass(frozen=True)
-class Tracks:
-    """One run on the ground plane: truth[2, T], NaN where it is not known, and the estimates[2, T] by label."""
+def ranked(case: CaseView) -> list[str]:
+    """All labels, in the order in which figures name them, by the RMSE of the first block.
 
-    run: int
-    chosen_by: str
-    truth: Array
-    estimates: dict[str, Array]
-    missing: tuple[str, ...]
+    Those that are marked come first, then those that compete, then the others, each by their values but for rounding; last
+    those without a value.
+    """
+    key = first_block(case)
+    metric = METRICS[key[0]]
+    values = {cell.label: float(loss(metric, np.asarray(cell.scores[key].value))) for cell in case.with_score(key)}
+    values = {label: round(value / ROUNDING) for label, value in values.items() if np.isfinite(value)}
 
-    @property
-    def known(self) -> bool:
-        """Whether a place of the truth is known."""
-        return bool(np.isfinite(self.truth).all(0).any())
+    def place(label: str) -> tuple[bool, bool, bool, float]:
+        cell = case.cells[label]
+        return label not in values, not cell.mark(key), not cell.competes(metric), values.get(label, 0)
+
+    return sorted(case.cells, key=place)
+
+
+def first(labels: Sequence[str]) -> tuple[str, ...]:
+    """Those of a figure's estimators, in the order of `ranked`, that it shows at first; none where it shows all."""
+    return tuple(labels[:SHOWN_FIRST]) if len(labels) > SHOWN_FIRST else ()
 
 
 def over_time(case: CaseResults, metric: Metric, labels: Sequence[str]) -> dict[str, list[Series]]:
@@ -79,44 +105,18 @@ def over_time(case: CaseResults, metric: Metric, labels: Sequence[str]) -> dict[
             known = counted(values)
             values = values[:, known if known.any() else cell.estimate.ok]  # of unknown truths nothing is known of any run
             if values.shape[1]:
-                found.setdefault(block, []).append(_series(cell, metric, values))
+                found.setdefault(block, []).append(_series(cell, metric, block, values))
     return found
 
 
-def _series(cell: Cell, metric: Metric, values: Array) -> Series:
+def _series(cell: Cell, metric: Metric, block: str, values: Array) -> Series:
     steps = len(values)
     at = np.unique(np.linspace(0, steps - 1, min(steps, BAND_POINTS)).round().astype(int))
     with np.errstate(all="ignore"):
         value = means(values).map(metric.link).value
         _, low, high = metric.over_time(values[at])
-    return Series(cell.label, cell.case.card.time, value, at, low, high, values.shape[1], len(cell.runs))
-
-
-def tracks(case: CaseResults, labels: Sequence[str]) -> Tracks | None:
-    """The run whose error on the ground plane is the median of the first estimator of which a run came through.
-
-    Where none of its errors is known, the first that came through; None without any.
-    """
-    cells = [case.cells[label] for label in labels if label in case.cells and case.cells[label].runs]
-    if case.card.plane is None or not cells:
-        return None
-    plane = list(case.card.plane)
-    first = next((cell for cell in cells if cell.estimate.ok.any()), None)
-    if first is None:
-        return None
-    with np.errstate(all="ignore"):
-        error = mean_over_time(((first.estimate.mean - first.truth.x)[:, plane] ** 2).sum(1))[0]
-    usable = np.flatnonzero(first.estimate.ok)
-    order = usable[np.argsort(error[usable], kind="stable")]  # unknown errors come last
-    run = first.runs[order[max((~np.isnan(error[usable])).sum() - 1, 0) // 2]]
-    truth = case.truth_of[run].x[:, plane].T
-    estimates = {}
-    for cell in cells:
-        place = cell.runs.index(run) if run in cell.runs else None
-        if place is not None and cell.estimate.ok[place]:
-            estimates[cell.label] = cell.estimate.mean[:, plane, place].T
-    missing = tuple(cell.label for cell in cells if cell.label not in estimates)
-    return Tracks(run, first.label, truth, estimates, missing)
+    limit = rounding(cell.case.rounding, metric, block)
+    return Series(cell.label, cell.case.card.time, value, at, low, high, values.shape[1], len(cell.runs), limit)
 
 
 def band(case: CaseResults, metric: Metric, labels: Sequence[str]) -> Band | None:

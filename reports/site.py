@@ -15,7 +15,7 @@ from reports.inputs import Inputs, Site, digest_of
 from reports.pages import case, changes, detection, estimators, overview, provenance, reproduction, timing
 from reports.part import Part, produce
 
-PAGES = (overview, estimators, reproduction, detection, timing, changes, provenance)
+PAGES = (overview, estimators, reproduction, detection, timing, provenance)
 """Kinds of pages about several cases."""
 
 
@@ -28,13 +28,13 @@ def build(inputs: Inputs, out: Path, jobs: int = 1) -> Path:
     folder, frame = Folder(out), Frame.of(inputs.loaded)
     with _workers(jobs) as pool:
         parts = [case.part(frame, results, inputs.findings) for results in inputs.loaded.cases.values()]
-        produce(parts, folder, pool, "cases")
+        produce([*parts, *changes.case_parts(frame, inputs)], folder, pool, "cases")
         said = {name: folder.text(case.digest_name(frame, name)) for name in inputs.loaded.cases}
         cases = [from_json(text, inputs.loaded.cases[name]) for name, text in said.items()]
         site = Site(frame, inputs, cases, digest_of(list(said.values())))
-        produce(
-            [Part("static", "", _static, ()), *(part for page in PAGES for part in page.parts(site))], folder, pool, "pages"
-        )
+        changed = [folder.text(changes.digest_name(frame, name)) for name in changes.shared(inputs)]
+        several = [part for page in PAGES for part in page.parts(site)]
+        produce([Part("static", "", _static, ()), *several, changes.page(frame, inputs, changed)], folder, pool, "pages")
     folder.finish()
     return out
 

@@ -57,6 +57,7 @@ def _cleaned(text: str, name: str, title: str, description: str) -> str:
     text = re.sub(r'( d|points)="([^"]*)"', lambda m: f'{m[1]}="{_shorter(m[2])}"', text)
     text = re.sub(r"<[^>]*>", lambda tag: re.sub(r"-?\d+\.\d{3,}", lambda m: f"{float(m[0]):.2f}", tag[0]), text)
     text = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font-size: \1px", text)
+    text = re.sub(r" ?font-family: [^;\"]*;?", "", text)  # the page's own
     text = re.sub(r"\n\s*", "\n", text)
     head, _, rest = text.partition(">")
     size = re.search(r'viewBox="[^"]*"', head)

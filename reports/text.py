@@ -6,12 +6,12 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from suite.digits import grouped as grouped
+from suite.digits import number as number
+from suite.digits import power, with_ends
+from suite.digits import within as within
 from suite.metrics import Metric, Score
 
-THIN = "\u202f"  # narrow no-break space, between groups of three digits
-MOST_DIGITS, FEWEST_DIGITS = 4, 2
-PLAIN_FROM, PLAIN_BELOW = 1e-3, 1e6
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LARGER_UNITS = {"µs": ((1e6, "s"), (1e3, "ms"))}
 
 
@@ -29,7 +29,7 @@ def quantity(score: Score, metric: Metric) -> Quantity:
     scale, unit = _scale(score, metric)
     value, low, high = (x * scale for x in (score.value, score.low, score.high))
     finite = [x for x in (value, low, high) if math.isfinite(x)]
-    shown = [number(x, place(value, low, high)) for x in (value, low, high)]
+    shown = with_ends(value, low, high)
     if score.runs == 0 or math.isnan(value):
         return Quantity("none", "", "")
     if score.runs == 1 and math.isnan(low):
@@ -40,12 +40,6 @@ def quantity(score: Score, metric: Metric) -> Quantity:
     return Quantity(shown[0], unit, f"{shown[1]} to {shown[2]}{percent}")
 
 
-def within(value: float, low: float, high: float, unit: str) -> str:
-    """A value with its interval, in the digits that the interval supports, and its unit."""
-    shown = [number(x, place(value, low, high)) for x in (value, low, high)]
-    return f"{shown[0]} ({shown[1]} to {shown[2]}){' ' + unit if unit else ''}"
-
-
 def _scale(score: Score, metric: Metric) -> tuple[float, str]:
     if metric.binomial:
         return 100.0, "%"
@@ -53,57 +47,6 @@ def _scale(score: Score, metric: Metric) -> tuple[float, str]:
         if math.isfinite(score.value) and score.value >= size:
             return 1 / size, name
     return 1.0, "mixed units" if score.unit == "mixed" else score.unit
-
-
-def place(value: float, low: float = math.nan, high: float = math.nan) -> int:
-    """Decimal place (0 for units, -1 for tenths) of the last digit that an interval supports."""
-    if not math.isfinite(value) or value == 0:
-        value = next((x for x in (low, high) if math.isfinite(x) and x != 0), 0.0)
-    if value == 0:
-        return 0
-    sides = [abs(value - x) for x in (low, high) if math.isfinite(x) and x != value]
-    finest = _exponent(value) - MOST_DIGITS + 1
-    coarsest = _exponent(value) - FEWEST_DIGITS + 1
-    if not (math.isfinite(low) and math.isfinite(high)):
-        return finest + 1 if math.isnan(low) and math.isnan(high) else coarsest
-    return min(max(_exponent(min(sides)) if sides else finest, finest), coarsest)
-
-
-def number(x: float, last: int | None = None) -> str:
-    """A number to the decimal place `last`, but with two digits at least; three when no place is given."""
-    if math.isnan(x):
-        return "none"
-    if math.isinf(x):
-        return "∞" if x > 0 else "−∞"
-    if x == 0:
-        return "0"
-    last = _exponent(x) - 2 if last is None else min(last, _exponent(x) - FEWEST_DIGITS + 1)
-    last = max(last, _exponent(x) - MOST_DIGITS + 1)
-    sign = "−" if x < 0 else ""
-    if not PLAIN_FROM <= abs(x) < PLAIN_BELOW:
-        return sign + _scientific(abs(x), last)
-    rounded = round(abs(x), -last)
-    return sign + grouped(rounded, max(0, -last))
-
-
-def grouped(x: float, decimals: int = 0) -> str:
-    """A number in plain digits, in groups of three from ten thousand on."""
-    text = f"{x:.{decimals}f}"
-    return f"{x:,.{decimals}f}".replace(",", THIN) if x >= 10_000 else text
-
-
-def _scientific(x: float, last: int) -> str:
-    mantissa, _, exponent = f"{x:.{max(0, _exponent(x) - last)}e}".partition("e")
-    return f"{mantissa} × 10{power(int(exponent))}"
-
-
-def power(exponent: int) -> str:
-    """An exponent in superscript digits."""
-    return str(exponent).translate(_SUPERSCRIPTS)
-
-
-def _exponent(x: float) -> int:
-    return math.floor(math.log10(abs(x)))
 
 
 def tick(x: float, _position: int = 0) -> str:

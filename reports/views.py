@@ -95,8 +95,8 @@ class CellView:
 class CaseView:
     """A case with its cells, one for every estimator of the results, run or not; known: whether anything is of its truth.
 
-    measured: the score that measures each of the card's published figures, None where there is none. detectors: what is
-    known of the cells that have a decision statistic.
+    rounding: by state block, the size of an error up to which it is rounding. measured: the score that measures each of the
+    card's published figures, None where there is none. detectors: what is known of the cells that have a decision statistic.
     """
 
     results: CaseResults
@@ -104,6 +104,7 @@ class CaseView:
     keys: tuple[Key, ...]
     runs: int
     known: bool
+    rounding: Mapping[str, float] = field(default_factory=dict)
     measured: tuple[Score | None, ...] = ()
     detectors: tuple[Detector, ...] = ()
 
@@ -171,7 +172,7 @@ def view(case: CaseResults, labels: Sequence[str]) -> CaseView:
     truths = case.truth_of.values()
     known = not truths or any(np.isfinite(truth.x).any() for truth in truths)
     figures = tuple(measured(case, published) for published in case.card.published)
-    return CaseView(case, cells, keys, len(truths), known, figures, tuple(detectors(case)))
+    return CaseView(case, cells, keys, len(truths), known, case.rounding, figures, tuple(detectors(case)))
 
 
 def _keys(case: CaseResults, cells: dict[str, CellView]) -> tuple[Key, ...]:

@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import io
-import itertools
 import os
 import shlex
 import sys
@@ -16,7 +15,7 @@ from estimators import ESTIMATORS
 from suite import benchmarks, operating, parameters, plan, recording, results, sampling, score, verdicts
 from suite.arguments import parse
 from suite.case import Case
-from suite.compare import compare
+from suite.compare import compare, nothing_to_compare, ranking
 from suite.errors import BadInput, near
 from suite.estimator import Estimator
 from suite.examination import examine, summary
@@ -143,7 +142,8 @@ def _run(options: argparse.Namespace) -> int:
         store.sweep()
         for damage in damages:
             complain(f"set aside {damage.path}: {damage.reason}; it is now {store.set_aside(damage)}")
-    planned = plan.make(known, chosen, runs, options.seed, options.block or profile.block, entries, options.retry_failed)
+    size, effort = options.block or profile.block, profile.effort
+    planned = plan.make(known, chosen, runs, options.seed, size, entries, options.retry_failed, effort)
     announce(planned, [len(e) for e in chosen.values()], list(runs.values()), options.seed, options.results)
     if options.dry_run:
         show(planned)
@@ -155,7 +155,7 @@ def _run(options: argparse.Namespace) -> int:
         runs |= more
         again = {case: chosen[case] for case in more}
         size = options.block or max(profile.block, max(more.values()) // BLOCKS)
-        planned = plan.make(known, again, runs, options.seed, size, Store(options.results).scan()[0])
+        planned = plan.make(known, again, runs, options.seed, size, Store(options.results).scan()[0], effort=effort)
         announce(planned, [len(e) for e in again.values()], list(more.values()), options.seed, options.results)
         outcome.reports += _compute(planned, options).reports
     return conclude(outcome, known, options.results)
@@ -163,8 +163,9 @@ def _run(options: argparse.Namespace) -> int:
 
 def _compute(planned: plan.Plan, options: argparse.Namespace) -> Outcome:
     """Run a plan in worker processes."""
-    context = Context(options.results, load_catalog, tuple(options.plugin), options.command_line)
-    time_limit = options.time_limit or plan.PROFILES[options.profile].time_limit
+    profile = plan.PROFILES[options.profile]
+    context = Context(options.results, load_catalog, tuple(options.plugin), options.command_line, profile.effort)
+    time_limit = options.time_limit or profile.time_limit
     try:
         with Progress(len(planned.blocks), "blocks") as progress:
             return execute(planned, context, options.jobs, time_limit, lambda r: progress.advance(_words(r.block)))
@@ -216,16 +217,13 @@ def _compare(options: argparse.Namespace) -> int:
     labels = _matching("estimator", loaded.labels, options.estimator)
     if reference not in [*loaded.labels, TRUTH]:
         raise BadInput(f"no stored estimator is {reference!r}; {near(reference, loaded.labels)}")
-    found: list[Any]
-    show: Any
+    show: Any = print_state_tests if options.states else print_comparisons
     if options.states:
-        show, pairs = print_state_tests, itertools.product(chosen, labels)
-        found = [test for case, label in pairs for test in state_tests(case, label, reference, options.run)]
+        found: list[Any] = [t for case in chosen for label in labels for t in state_tests(case, label, reference, options.run)]
     else:
-        show, metrics = print_comparisons, METRICS.select(options.metric or ["rmse"])
-        found = [c for metric in metrics for c in compare(chosen, metric, reference, labels, options.zone)]
+        found = [c for m in ranking(options.metric or ["rmse"]) for c in compare(chosen, m, reference, labels, options.zone)]
     if not found:
-        raise BadInput(f"{reference} has no run to compare with any other; run both on the same case")
+        raise nothing_to_compare(chosen, reference, labels)
     print_frame(frame_of(found), options.format, lambda _: show(found))
     return TROUBLE if loaded.damages else DONE
 
@@ -259,15 +257,17 @@ def _report(options: argparse.Namespace) -> int:
     from reports.inputs import Inputs
     from reports.site import build  # matplotlib takes a second to import; no other command needs it
 
-    out, folder = Path(options.out), Path(options.results)
-    if folder.resolve() in [out.resolve(), *out.resolve().parents]:
-        raise BadInput(f"--out {out} lies in the results folder {folder}; name a folder outside it")
+    out, folders = Path(options.out), [Path(folder) for folder in (options.results, options.against) if folder]
+    for folder in folders:
+        if folder.resolve() in [out.resolve(), *out.resolve().parents]:
+            raise BadInput(f"--out {out} lies in the results folder {folder}; name a folder outside it")
+    if len({folder.resolve() for folder in folders}) < len(folders):
+        raise BadInput(f"--against {options.against} is the folder of the results themselves; name that of other results")
     loaded = _load(options)
     against = _load(argparse.Namespace(**vars(options) | {"results": options.against})) if options.against else None
-    rows = benchmarks.select(options.benchmarks, (), (), ())
-    inputs = Inputs(loaded, options.command_line, cases.FINDINGS, rows, against)
+    inputs = Inputs(loaded, options.command_line, cases.FINDINGS, benchmarks.select(options.benchmarks, (), (), ()), against)
     print((build(inputs, out, options.jobs) / "index.html").resolve())
-    return TROUBLE if loaded.damages else DONE
+    return TROUBLE if loaded.damages or (against and against.damages) else DONE
 
 
 def _load(options: argparse.Namespace) -> results.Results:

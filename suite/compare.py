@@ -1,20 +1,33 @@
 """Estimators beside a reference on the runs that both have: how much better or worse, how surely, and whether it matters."""
 
-import functools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from suite.case import RECORDED
 from suite.diagnosis import in_words, remarks
-from suite.differences import NONE, Gap, Interval, effect_size, gap, holm, rates_apart, sign_test, win_probability, wins
+from suite.differences import (
+    NONE,
+    Gap,
+    Interval,
+    effect_size,
+    exact_test,
+    gap,
+    holm,
+    rates_apart,
+    sign_test,
+    unpaired_rates_apart,
+    win_probability,
+    wins,
+)
 from suite.errors import BadInput
-from suite.linalg import Array
-from suite.metrics import SURVIVING, Metric, counted
-from suite.results import CaseResults, Cell
-from suite.score import ROUNDING, faced, loss, miss
-from suite.statistics import LEVEL, Resampled, mean_over_time
+from suite.metrics import METRICS, Metric
+from suite.results import CaseResults
+from suite.score import faced, miss, rounding
+from suite.sides import Side, facing, sides
+from suite.state_tests import TRUTH
+from suite.statistics import LEVEL, Resampled
 
 ZONE = 0.05
 BETTER, WORSE, EQUAL, UNDECIDED = "better", "worse", "equal", "undecided"
@@ -62,18 +75,77 @@ def compare(
 ) -> list[Comparison]:
     """Every labelled estimator beside the reference on each case that has both; one call is one family of Holm's.
 
-    Better or worse: p, adjusted, is below 0.05. Equal, whatever p is: the 95 % interval lies in the zone, so what difference
-    there may be is none that matters; see `_negligible`. On a recording, whose runs are all of the same data, nothing is
-    tested. Raises BadInput where a zone is not in (0, 1), or by the metric no estimator is better than another.
+    Better or worse: p, adjusted, is below 0.05. Equal, whatever p is: both errors are rounding, or the 95 % interval lies in
+    the zone, so what difference there may be is none that matters, see `_negligible`. On a recording, whose runs are all of
+    the same data, nothing is tested. Raises BadInput where a zone is not in (0, 1), or by the metric no estimator is better
+    than another.
     """
+    return compare_each(cases, metric, [reference], labels, zone)[reference]
+
+
+def compare_each(
+    cases: Iterable[CaseResults], metric: Metric, references: Iterable[str], labels: Iterable[str], zone: float = ZONE
+) -> dict[str, list[Comparison]]:
+    """What `compare` says, for each of several references."""
     if not 0 < zone < 1:
         raise BadInput(f"the zone must be a share between 0 and 1, got {zone:g}")
     if not metric.ranked:
         raise BadInput(f"by {metric.name} no estimator is better than another; name another metric")
-    labels = set(labels) - {reference}
-    found = [c for case in cases if reference in case.cells for c in _of_case(case, metric, reference, labels, zone)]
+    labels = set(labels)
+    found: dict[str, list[Comparison]] = {reference: [] for reference in references}
+    for case in cases:
+        chosen = {label: cell for label, cell in case.cells.items() if label in labels or label in found}
+        held = {label: sides(cell, metric) for label, cell in chosen.items()}
+        said = {label: in_words(remarks(cell)) for label, cell in chosen.items() if label in labels}
+        for reference in [r for r in found if r in held]:
+            for label in [each for each in said if each != reference]:
+                pairs = facing(held[label], held[reference], not metric.timed)
+                found[reference] += [compared(*pair, zone, said[label], not metric.timed) for pair in pairs]
+    return {reference: _adjusted(each) for reference, each in found.items()}
+
+
+def _adjusted(found: Sequence[Comparison]) -> list[Comparison]:
+    """One family of comparisons with its adjusted p and its verdicts."""
     adjusted = holm([c.p for c in found])
     return [_decided(replace(c, holm=p)) for c, p in zip(found, adjusted, strict=True)]
+
+
+def ranking(patterns: Sequence[str]) -> list[Metric]:
+    """The metrics that match, but for those by which no estimator is better than another, unless they are named in full.
+
+    Raises BadInput where none is left.
+    """
+    found = [metric for metric in METRICS.select(patterns) if metric.ranked or metric.name in patterns]
+    if not found:
+        raise BadInput(f"by no metric that matches {' or '.join(map(repr, patterns))} is an estimator better than another")
+    return found
+
+
+def nothing_to_compare(cases: Sequence[CaseResults], reference: str, labels: Iterable[str]) -> BadInput:
+    """Why there is no comparison with a reference, and what to do about it."""
+    common = f"{reference} has no run to compare with any other"
+    if reference == TRUTH:
+        where = _named(cases)
+        return BadInput(f"{common}: no chosen estimator has one on {where} that came through; choose others with -e or -c")
+    others = set(labels) - {reference}
+    held = [case for case in cases if reference in case.cells]
+    rivals = [case for case in held if others & case.cells.keys()]
+    refused = [case for case in rivals if case.cells[reference].refusal]
+    where = _named(held or cases)
+    if not held:
+        return BadInput(f"{common}: it was not run on {where}; run it there with `filterbench run -e {reference}`")
+    if not rivals:
+        return BadInput(f"{common}: it is the only estimator chosen on {where}; run or choose another one beside it")
+    if len(refused) == len(rivals):
+        why = refused[0].cells[reference].refusal
+        return BadInput(f"{common}: it refused {_named(refused)} ({why}); name a reference that accepts it")
+    return BadInput(f"{common} on {_named(rivals)}; run both on the same case, or name another metric")
+
+
+def _named(cases: Sequence[CaseResults]) -> str:
+    """The name of the first case, and how many others there are."""
+    others = len(cases) - 1
+    return cases[0].card.name + (f" and {others} other{'s' if others > 1 else ''}" if others else "")
 
 
 def _decided(c: Comparison) -> Comparison:
@@ -83,74 +155,16 @@ def _decided(c: Comparison) -> Comparison:
     return replace(c, verdict=verdict + CONDITIONAL if partial else verdict)
 
 
-def _of_case(case: CaseResults, metric: Metric, reference: str, labels: set[str], zone: float) -> Iterator[Comparison]:
-    """All blocks that both have, those over surviving runs only where they say something new."""
-    blocks = case.cells[reference].contributions(metric)
-    theirs = {block: _Side(metric, case.cells[reference], block) for block in blocks}
-    for label, cell in case.cells.items():
-        if label not in labels:
-            continue
-        said = in_words(remarks(cell))
-        mine = {block: _Side(metric, cell, block) for block in blocks if block in cell.contributions(metric)}
-        for block, side in mine.items():
-            whole = block.removesuffix(f", {SURVIVING}")
-            if whole == block or side.common(theirs[block]) != mine[whole].common(theirs[whole]):
-                yield _compared(side, theirs[block], zone, said)
+def compared(mine: Side, theirs: Side, zone: float, said: str, paired: bool) -> Comparison:
+    """All but the adjustment of p; better or worse as far as the values tell.
 
-
-@dataclass(frozen=True, eq=False)
-class _Side:
-    """One estimator's contributions to a block, of the runs that count."""
-
-    metric: Metric
-    cell: Cell
-    block: str
-
-    @functools.cached_property
-    def by_run(self) -> dict[int, Array]:
-        """Contributions [...] of each run that counts, by its number."""
-        values = self.cell.contributions(self.metric)[self.block]
-        numbers = range(values.shape[-1]) if self.metric.timed else self.cell.runs
-        return {numbers[i]: values[..., i] for i in np.flatnonzero(counted(values))}
-
-    def common(self, other: "_Side") -> list[int]:
-        """Numbers of the runs that count for both; of running times there are none, since calls are no pairs."""
-        return [] if self.metric.timed else sorted(self.by_run.keys() & other.by_run.keys())
-
-    def contributions(self, runs: Iterable[int]) -> Array:
-        """Contributions [..., R] of some runs."""
-        return np.stack([self.by_run[run] for run in runs], axis=-1)
-
-    @functools.cached_property
-    def loss_of_run(self) -> dict[int, float]:
-        """The loss by the metric of each run alone; NaN where it has no value of a single run.
-
-        A spread over runs has none: of one run it is zero, to rounding.
-        """
-        together = self.contributions(self.by_run)
-        with np.errstate(all="ignore"):
-            size = np.abs(self.metric.resampled(together).value[0])
-            values = self._values_of_runs(together)
-        losses = loss(self.metric, values) if np.abs(values).max() >= ROUNDING * size else np.full(len(values), np.nan)
-        return dict(zip(self.by_run, losses.tolist(), strict=True))
-
-    def _values_of_runs(self, together: Array) -> Array:
-        """The metric of each run alone [R], from contributions [..., R]; all NaN where some run has none."""
-        if self.metric.statistic is None:
-            return np.asarray(mean_over_time(self.metric.link(together))[0])
-        found = np.full(together.shape[-1], np.nan)
-        for run in range(len(found)):
-            found[run] = self.metric.resampled(together[..., [run]]).value[0]
-            if np.isnan(found[run]):
-                return np.full_like(found, np.nan)
-        return found
-
-
-def _compared(mine: _Side, theirs: _Side, zone: float, said: str) -> Comparison:
-    """All but the adjustment of p; better or worse as far as the values tell."""
-    metric, case, paired = mine.metric, mine.cell.case, not mine.metric.timed
-    common = mine.common(theirs)
-    given = set(mine.cell.runs) & set(theirs.cell.runs) if paired else set()
+    paired: whether runs of the same number are of the same truth; calls that are timed are no pairs.
+    """
+    metric, case = mine.metric, mine.cell.case
+    common = mine.common(theirs) if paired else []
+    given = [set() if metric.timed else set(side.cell.runs) for side in (mine, theirs)]
+    if paired:
+        given = [given[0] & given[1]] * 2
     found = Comparison(
         case=case.card.name,
         seed=case.seed,
@@ -160,21 +174,26 @@ def _compared(mine: _Side, theirs: _Side, zone: float, said: str) -> Comparison:
         reference=theirs.cell.label,
         unit=metric.unit_of(case.card, mine.block),
         runs=len(common) if paired else min(len(mine.by_run), len(theirs.by_run)),
-        left_out=len(given - mine.by_run.keys()),
-        reference_left_out=len(given - theirs.by_run.keys()),
+        left_out=len(given[0] - mine.by_run.keys()),
+        reference_left_out=len(given[1] - theirs.by_run.keys()),
         verdict=NOTHING,
         remarks=said,
     )
     if not found.runs:
         return found
-    parts = [side.contributions(common if paired else side.by_run) for side in (mine, theirs)]
-    one, other = (metric.resampled(part) for part in parts)
+    runs = [common if paired else list(side.by_run) for side in (mine, theirs)]
+    parts = [side.contributions(each) for side, each in zip((mine, theirs), runs, strict=True)]
+    one, other = (side.over(each) for side, each in zip((mine, theirs), runs, strict=True))
     found = replace(found, value=float(one.value[0]), reference_value=float(other.value[0]))
-    found = replace(found, difference=rates_apart(*parts) if metric.binomial else gap(one, other, paired).interval)
+    if metric.binomial:
+        found = replace(found, difference=(rates_apart if paired else unpaired_rates_apart)(*parts))
+    else:
+        found = replace(found, difference=gap(one, other, paired).interval)
     if not (metric.signed or metric.binomial):
         logs = gap(one.map(np.log), other.map(np.log), paired).interval
-        found = replace(found, ratio=Interval(*(float(np.exp(end)) for end in (logs.value, logs.low, logs.high))))
-    if paired and case.card.origin == RECORDED:
+        with np.errstate(over="ignore"):
+            found = replace(found, ratio=Interval(*(float(np.exp(end)) for end in (logs.value, logs.low, logs.high))))
+    if not metric.timed and case.card.origin == RECORDED:
         alone = Interval(found.difference.value), Interval(found.ratio.value)
         return replace(found, difference=alone[0], ratio=alone[1], verdict=ONE_SAMPLE)
     apart = gaps(metric, one, other, paired)
@@ -185,10 +204,14 @@ def _compared(mine: _Side, theirs: _Side, zone: float, said: str) -> Comparison:
             more, fewer = wins(*own)
             if metric.binomial or (np.isnan(p) and len(common) > 1):
                 p, better = sign_test(more, fewer), more > fewer
-            with np.errstate(invalid="ignore"):
+            with np.errstate(invalid="ignore", over="ignore"):
                 effect = NONE if metric.binomial else effect_size(own[1] - own[0])
             found = replace(found, wins=win_probability(more, fewer, len(common)), effect=effect)
-    return replace(found, p=p, verdict=EQUAL if _negligible(found, metric, zone) else BETTER if better else WORSE)
+    elif metric.binomial:
+        p, better = exact_test(*parts), found.difference.value < 0
+    largest = max(found.value, found.reference_value)
+    alike = largest <= rounding(case.rounding, metric, found.block) or _negligible(found, metric, zone)
+    return replace(found, p=p, verdict=EQUAL if alike else BETTER if better else WORSE)
 
 
 def gaps(metric: Metric, one: Resampled, other: Resampled, paired: bool = True) -> list[Gap]:
@@ -209,6 +232,11 @@ def _negligible(c: Comparison, metric: Metric, zone: float) -> bool:
     """
     if np.isfinite([c.ratio.low, c.ratio.high]).all():
         return 1 / (1 + zone) <= c.ratio.low and c.ratio.high <= 1 + zone
-    own_unit = metric.binomial or (metric.signed and not metric.unit.startswith("block"))
-    limit = zone if own_unit else zone * abs(c.reference_value)
+    limit = own_limit(c, metric, zone)
     return -limit <= c.difference.low and c.difference.high <= limit
+
+
+def own_limit(c: Comparison, metric: Metric, zone: float) -> float:
+    """The largest difference in the zone, in the unit, where there is no ratio; see `_negligible`."""
+    own_unit = metric.binomial or (metric.signed and not metric.unit.startswith("block"))
+    return zone if own_unit else zone * abs(c.reference_value)

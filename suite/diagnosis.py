@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from suite.case import FROM_MODEL, RECORDED
+from suite.digits import within
 from suite.linalg import Array
 from suite.metrics import METRICS, SURVIVING, Metric, Score, counted
 from suite.results import Cell
@@ -73,13 +74,14 @@ def _too_good(cell: Cell) -> Iterator[Remark]:
     with np.errstate(all="ignore"):
         uncertain = 4 * np.nanmax(np.where(bound.value > 0, bound.error / bound.value, 0.0))
     for block, score in _below(cell, "crlb-ratio", 1 - uncertain):
-        yield Remark("too good", f"RMSE of {block} only {_text(score)} of a bound that no estimator can beat", True)
+        yield Remark("too good", f"RMSE of {block} only {_size(score)} of a bound that no estimator can beat", True)
         return
 
 
 def _misled(cell: Cell) -> Iterator[Remark]:
     for block, score in _beyond(cell, "skill", 0.0, -1, _log_of_unexplained):
-        words = f"errors of {block} larger than without any measurement (skill {_text(score)})"
+        times = within(1 - score.value, 1 - score.high, 1 - score.low, "")
+        words = f"squared errors of {block} larger than without any measurement: {times} times as large"
         yield Remark("misled", words, True)
         return
 
@@ -89,14 +91,14 @@ def _incredible(cell: Cell) -> Iterator[Remark]:
     bars = cell.case.card.origin == FROM_MODEL
     for _, score in _above(cell, "nees", CREDIBLE):
         said = "squared errors endlessly larger than its covariance, which may be singular" if np.isinf(score.value) else ""
-        yield Remark("optimistic", said or f"squared errors {_text(score)} times what its covariance says", bars)
+        yield Remark("optimistic", said or f"squared errors {_size(score)} times what its covariance says", bars)
     for _, score in _below(cell, "nees", 1 / CREDIBLE):
-        yield Remark("pessimistic", f"squared errors only {_text(score)} of what its covariance says", bars)
+        yield Remark("pessimistic", f"squared errors only {_size(score)} of what its covariance says", bars)
 
 
 def _late(cell: Cell) -> Iterator[Remark]:
     for block, score in _beyond(cell, "lag", LATE, -1, np.positive):
-        words = f"estimates of {block} {_text(score)} steps behind the truth"
+        words = f"estimates of {block} {_size(score)} steps behind the truth"
         yield Remark("late", words, cell.case.card.origin == FROM_MODEL)
         return
 
@@ -144,5 +146,6 @@ def _log_of_unexplained(skill: Array) -> Array:
     return np.log1p(-skill)
 
 
-def _text(score: Score) -> str:
-    return f"{score.value:.3g} [{score.low:.3g}, {score.high:.3g}]"
+def _size(score: Score) -> str:
+    """A score with its interval, without its unit."""
+    return within(score.value, score.low, score.high, "")

@@ -21,6 +21,8 @@ class Interval:
 
 
 NONE = Interval()
+MOST_PAIRS = 1000
+"""Pairs of two samples up to which ranks are tested exactly; beyond, the normal approximation is as good."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +57,10 @@ def gap(one: Resampled, other: Resampled, paired: bool = True) -> Gap:
         if paired:
             centre, error = (float(part[0]) for part in (one - other).centre_and_error())
             return Gap(value, centre, error, one.left_out.shape[1] - 1)
-        (first, mine), (second, theirs) = ([float(part[0]) for part in each.centre_and_error()] for each in (one, other))
-        parts = [e**4 / np.float64(each.left_out.shape[1] - 1) for e, each in ((mine, one), (theirs, other))]
-        error = float(np.hypot(mine, theirs))
-        return Gap(value, first - second, error, float(error**4 / sum(parts)))
+        (first, mine), (second, theirs) = ([part[0] for part in each.centre_and_error()] for each in (one, other))
+        error = np.hypot(mine, theirs)
+        parts = [(e / error) ** 4 / (each.left_out.shape[1] - 1) for e, each in ((mine, one), (theirs, other))]
+        return Gap(value, float(first - second), float(error), float(1 / sum(parts)))
 
 
 def rates_apart(one: Array, other: Array) -> Interval:
@@ -73,6 +75,37 @@ def rates_apart(one: Array, other: Array) -> Interval:
     centre, value = first - second, (more - fewer) / runs
     reach = float(ndtri(0.5 + LEVEL / 2)) * np.sqrt((first + second - centre**2) / (runs + 2))
     return Interval(value, max(min(centre - reach, value), -1.0), min(max(centre + reach, value), 1.0))
+
+
+def unpaired_rates_apart(one: Array, other: Array) -> Interval:
+    """Difference of two rates of other runs each, from flags [1, R] and [1, S].
+
+    A. Agresti, B. Caffo, Simple and effective confidence intervals for proportions and differences of proportions result from
+    adding two successes and two failures, The American Statistician 54(4), 2000, 280-288.
+    """
+    value = float(one.mean() - other.mean())
+    rates, runs = zip(*((float(each.sum() + 1) / (each.size + 2), each.size + 2) for each in (one, other)), strict=True)
+    centre = rates[0] - rates[1]
+    error = np.sqrt(sum(rate * (1 - rate) / n for rate, n in zip(rates, runs, strict=True)))
+    reach = float(ndtri(0.5 + LEVEL / 2) * error)
+    return Interval(value, max(min(centre - reach, value), -1.0), min(max(centre + reach, value), 1.0))
+
+
+def exact_test(one: Array, other: Array) -> float:
+    """Fisher's exact two-sided p-value of two rates being equal, from flags [1, R] and [1, S] of other runs each."""
+    from scipy.stats import fisher_exact  # takes a second to import
+
+    counts = np.array([[int(each.sum()), int(each.size - each.sum())] for each in (one, other)])
+    return float(fisher_exact(counts).pvalue)
+
+
+def rank_test(one: Array, other: Array) -> float:
+    """Mann and Whitney's two-sided p-value of two samples [R] and [S] of one law, exact where none are tied."""
+    from scipy.stats import mannwhitneyu  # takes a second to import
+
+    both = np.concatenate([one, other])
+    exact = len(np.unique(both)) == len(both) and len(one) * len(other) <= MOST_PAIRS
+    return float(mannwhitneyu(one, other, method="exact" if exact else "asymptotic").pvalue)
 
 
 def wins(mine: Array, theirs: Array) -> tuple[int, int]:
@@ -96,7 +129,7 @@ def effect_size(gained: Array) -> Interval:
     runs = len(gained)
     spread = gained.std(ddof=1) if runs > 1 and np.isfinite(gained).all() else 0.0
     largest = float(np.abs(gained).max(initial=0.0))
-    if largest <= ROUNDING or spread <= ROUNDING * largest:
+    if largest <= ROUNDING or spread <= ROUNDING * largest or np.isinf(spread):
         return NONE
     t = gained.mean() / spread * np.sqrt(runs)
     ends = (float(nctdtrinc(runs - 1, 0.5 + side * LEVEL / 2, t)) for side in (1, -1))

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from suite.blocks import read_bounds, read_estimate, read_timing, steps
 from suite.case import Card, Truth
 from suite.case_bounds import BlockBound
 from suite.errors import BadInput
 from suite.estimator import TRACES, VECTORS, Estimate, alike, join
-from suite.linalg import Array
 from suite.metrics import Evidence, Metric, Score
-from suite.metrics.cost import Calls
+from suite.metrics.evidence import rounding_of
 from suite.metrics.metric import Contributions
 from suite.plan import BOUND, ESTIMATE, REFUSAL, TIMING, TRUTH
 from suite.store import Damage, Entry, Store, read
@@ -43,7 +43,7 @@ class Cell:
     @functools.cached_property
     def estimate(self) -> Estimate:
         """The estimates of all runs, in the order of `runs`."""
-        blocks = [_read_estimate(e, self.case.card) for e in self.estimates]
+        blocks = [read_estimate(e, self.case.card) for e in self.estimates]
         return _pick(blocks, [list(_runs(e)) for e in self.estimates], self.runs)
 
     @functools.cached_property
@@ -57,7 +57,7 @@ class Cell:
     @functools.cached_property
     def timing(self) -> Estimate | None:
         """The timed calls, as an estimate that holds no states; None when there are none."""
-        return _read_timing(self.timings[-1]) if self.timings else None
+        return read_timing(self.timings[-1]) if self.timings else None
 
     @property
     def failures(self) -> list[tuple[str, str, list[str]]]:
@@ -131,7 +131,7 @@ class CaseResults:
     @functools.cached_property
     def bounds(self) -> list[BlockBound]:
         """The bounds on the error of each state block, of every kind there is."""
-        return _read_bounds(self.bound, self.card) if self.bound else []
+        return read_bounds(self.bound, self.card) if self.bound else []
 
     @functools.cached_property
     def truth_of(self) -> dict[int, Truth]:
@@ -140,10 +140,18 @@ class CaseResults:
         for entry in self.truths:
             columns = read(entry.path, ["truth", "y", "true_mode"])
             runs = list(_runs(entry))
-            x, y = (_steps(columns[name], len(runs)) for name in ("truth", "y"))
+            x, y = (steps(columns[name], len(runs)) for name in ("truth", "y"))
             mode = None if columns["true_mode"] is None else columns["true_mode"].reshape(len(runs), -1)
             found |= {run: Truth(x[:, :, i], y[:, :, i], None if mode is None else mode[i]) for i, run in enumerate(runs)}
         return found
+
+    @functools.cached_property
+    def rounding(self) -> dict[str, float]:
+        """By state block, the size of an error up to which it is rounding."""
+        if not self.truth_of:
+            return {}
+        size = rounding_of(np.stack([truth.x for truth in self.truth_of.values()], axis=-1))
+        return {block.name: float(np.linalg.norm(size[list(block.components)])) for block in self.card.blocks}
 
 
 @dataclass(eq=False)
@@ -230,55 +238,6 @@ def _ordered(names: list[str], order: Sequence[str]) -> list[str]:
 
 def _runs(entry: Entry) -> range:
     return range(entry.meta["first"], entry.meta["first"] + entry.meta["count"])
-
-
-def _steps(rows: Array, runs: int) -> Array:
-    """Array [T, d, R] from rows [R · T, d], run after run."""
-    return np.moveaxis(rows.reshape(runs, -1, rows.shape[1]), 0, -1)
-
-
-def _read_estimate(entry: Entry, card: Card) -> Estimate:
-    names = ["mean", "cov", *TRACES, *VECTORS, "seconds", "batch", "status", "reason"]
-    columns = read(entry.path, names)
-    runs, n = entry.meta["count"], len(card.state)
-    lower = _steps(columns["cov"], runs)
-    cov = np.empty((len(lower), n, n, runs))
-    rows, cols = np.tril_indices(n)
-    cov[:, rows, cols] = lower
-    cov[:, cols, rows] = lower
-    parts: dict[str, Any] = {name: list(columns[name][:: card.steps]) for name in ("batch", "status", "reason")}
-    for name in (*TRACES, "seconds"):
-        parts[name] = None if columns[name] is None else columns[name].reshape(runs, -1).T
-    for name in VECTORS:
-        parts[name] = None if columns[name] is None else _steps(columns[name], runs)
-    return Estimate(_steps(columns["mean"], runs), cov, **parts)
-
-
-def _read_bounds(entry: Entry, card: Card) -> list[BlockBound]:
-    columns = read(entry.path, ["cov", "bound", "bound_error"])
-    said, n = entry.meta["bounds"], len(card.state)
-    value, error, lower = (columns[name].reshape(len(said), card.steps, -1) for name in ("bound", "bound_error", "cov"))
-    cov = np.empty((len(said), card.steps, n, n))
-    rows, cols = np.tril_indices(n)
-    cov[:, :, rows, cols] = cov[:, :, cols, rows] = lower
-    return [BlockBound(s["kind"], s["reason"], *parts) for s, *parts in zip(said, value, error, cov, strict=True)]
-
-
-def _read_timing(entry: Entry) -> Calls:
-    columns = read(entry.path, ["run", "seconds", "batch", "memory", "logliks", "status", "reason"])
-    calls = int(columns["run"].max()) + 1
-    steps = len(columns["run"]) // calls
-    nothing = np.full((steps, 1, calls), np.nan)
-    more = {name: columns[name] if columns[name] is None else columns[name][::steps] for name in ("memory", "logliks")}
-    return Calls(
-        nothing,
-        nothing[:, None],
-        seconds=columns["seconds"].reshape(calls, steps).T,
-        batch=list(columns["batch"][::steps]),
-        status=columns["status"][::steps],
-        reason=columns["reason"][::steps],
-        **more,
-    )
 
 
 def _pick(blocks: list[Estimate], runs: list[list[int]], wanted: list[int]) -> Estimate:

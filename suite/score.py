@@ -107,6 +107,13 @@ def standings(case: CaseResults, metrics: Sequence[Metric]) -> dict[tuple[str, s
     }
 
 
+def rounding(sizes: Mapping[str, float], metric: Metric, block: str) -> float:
+    """The value up to which a score is rounding, from the sizes of errors of state blocks; minus infinity of all else."""
+    power = {"block": 1, "block, squared": 2}.get(metric.unit)
+    size = sizes.get(block) if power and metric.better == "lower" else None
+    return -math.inf if size is None or power is None else size**power
+
+
 @dataclass(frozen=True)
 class _Candidate:
     label: str
@@ -126,7 +133,8 @@ def _standing(case: CaseResults, block: str, metric: Metric, aside: Collection[s
     test at 5 % divided by the number of rivals. Two-sided, so that a single best one among several that are in truth equal
     is found in no more than 5 of 100 cases either. An estimator with a failed or lost run, or with a remark that bars it,
     competes for no place, and one without a rival is not best of anything. Nor is any on a recording, whose runs are all of
-    the same data, or among the runs that survived, since those are not the same for all.
+    the same data, or among the runs that survived, since those are not the same for all. Nor is any where the best error is
+    rounding.
     """
     if (case.card.origin == RECORDED and not metric.timed) or block.endswith(f", {SURVIVING}"):
         return {}
@@ -140,7 +148,8 @@ def _standing(case: CaseResults, block: str, metric: Metric, aside: Collection[s
             numbers = np.arange(values.shape[-1]) if metric.timed else np.asarray(cell.runs)
             known = counted(values)
             candidates.append(_Candidate(label, values[..., known], tuple(numbers[known].tolist())))
-    if not candidates or len(scored) < 2:
+    smallest = min((scored[one.label].scores(metric)[block].value for one in candidates), default=math.nan)
+    if not candidates or len(scored) < 2 or smallest <= rounding(case.rounding, metric, block):
         return {}
     level = (1 - LEVEL) / 2 / max(len(candidates) - 1, 1)
     cache: dict[tuple[str, tuple[int, ...]], Resampled] = {}

@@ -1,47 +1,60 @@
-"""The scores on a case's page: one table for each family of metrics."""
+"""The scores on a case's page: what a chooser needs first, side by side, and one table for each family of metrics."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from reports.sentences import against_bound
 from reports.text import Quantity, listed
-from reports.views import CaseView, CellView, Key
-from suite.metrics import FAMILIES, METRICS
+from reports.views import WITHOUT_TRUTH, CaseView, CellView, Key
+from suite.metrics import FAMILIES, METRICS, SURVIVING, Score
 
 HEADS = {"rmse": "RMSE", "nees": "NEES", "nis": "NIS"}
 """Metrics better known by their initials."""
 BESTS = {"lower": "smallest", "higher": "largest"}
+STANDINGS = {"tie": "among the best"}
+FIRST = ("rmse", "crlb-ratio", "nees", "divergence", "latency")
+"""Metrics of the first table: errors of each block, and one column of each other."""
+NEGLIGIBLE = Quantity("negligible", "", "")
+WORDS = ("one run", "no interval")
+"""What stands in place of an interval."""
 
 
 @dataclass(frozen=True)
 class Column:
     """A metric and block, with the head of its column and what stands below that.
 
-    ahead: the estimator that has the best value though it competes for no place, where there is one.
+    ahead: the estimator that has the best value though it competes for no place, where there is one. instead: what stands in
+    place of the interval of each score in it, where there is none of any.
     """
 
     key: Key
     head: str
     under: str
     ahead: str
+    instead: str
 
 
 @dataclass(frozen=True)
 class Entry:
-    """What a table shows of a score: words, standing, count of runs where not all, flags; `absent` says why there is none."""
+    """What a table shows of a score: words, standing, count of runs where not all, flags; `absent` says why there is none.
+
+    place: the number by which a reader may sort, NaN where there is none.
+    """
 
     words: Quantity | None = None
     mark: str = ""
     runs: str = ""
     flags: tuple[str, ...] = ()
     absent: str = ""
+    place: float = math.nan
 
 
 @dataclass(frozen=True)
 class Table:
-    """The scores of a family of metrics: estimators that have any in rows, the labels of the others in `without`."""
+    """Scores: estimators that have any in rows, the labels of the others in `without`; `inside` lists the heads."""
 
-    family: str
+    name: str
     heading: str
     inside: str
     note: str
@@ -50,31 +63,64 @@ class Table:
     without: str
 
 
-@dataclass(frozen=True)
-class Warned:
-    """What a reader must know of an estimator before choosing it."""
-
-    cell: CellView
-    reasons: Sequence[str]
-    more: int
-
-
-def tables(case: CaseView) -> list[Table]:
-    """A table for each family of which any estimator has a score; the first has all estimators, run or not."""
-    found = [_table(case, family) for family in FAMILIES if any(METRICS[name].family == family for name, _ in case.keys)]
-    first, *others = found or [Table("error", FAMILIES["error"], "", "", (), (), "")]
-    everyone = [(cell, [_entry(case, cell, column) for column in first.columns]) for cell in case.cells.values()]
-    return [replace(first, rows=everyone, without=""), *others]
+def first(case: CaseView) -> Table:
+    """What a chooser needs first, of all estimators that were tried: also of those that failed at once."""
+    columns, limits = [_column(case, key) for key in _first_keys(case)], case.rounding
+    tried = [cell for cell in case.cells.values() if cell.status not in ("refused", "not run")]
+    rows = [(cell, [_entry(case, cell, column, limits) for column in columns]) for cell in tried]
+    return Table("first", "At a glance", "", against_bound(case.results.bounds), columns, rows, "")
 
 
-def _table(case: CaseView, family: str) -> Table:
-    columns = [_column(case, key) for key in case.keys if METRICS[key[0]].family == family]
-    rows = [(cell, [_entry(case, cell, column) for column in columns]) for cell in case.cells.values() if cell.ran]
+def families(case: CaseView) -> list[Table]:
+    """A table for each family of metrics of which any estimator has a score."""
+    limits = case.rounding
+    return [
+        _family(case, family, limits) for family in FAMILIES if any(METRICS[name].family == family for name, _ in case.keys)
+    ]
+
+
+def absent(case: CaseView, status: str) -> list[tuple[str, list[CellView]]]:
+    """The cells of a status, 'refused' or 'not run', by their reasons."""
+    found: dict[str, list[CellView]] = {}
+    for cell in case.cells.values():
+        if cell.status == status:
+            found.setdefault(cell.reason, []).append(cell)
+    return list(found.items())
+
+
+def sortable(x: float) -> str:
+    """A number for the scripts of tables to sort by; empty where there is none."""
+    return "" if math.isnan(x) else f"{x:.6g}"
+
+
+def whole(block: str) -> str:
+    """The block over all runs, of one that may be over the surviving ones."""
+    return block.removesuffix(f", {SURVIVING}")
+
+
+def _first_keys(case: CaseView) -> Iterator[Key]:
+    held = dict.fromkeys(name for name, _ in case.keys)
+    names = FIRST if case.known else (*WITHOUT_TRUTH, "latency")
+    for name in names:
+        metric = "nis" if name == "nees" and name not in held else name
+        keys = [key for key in case.keys if key[0] == metric and key[1] == whole(key[1])]
+        yield from keys if metric == "rmse" else keys[:1]
+
+
+def _family(case: CaseView, family: str, limits: Mapping[str, float]) -> Table:
+    columns = [_column(case, key) for key in _ordered(case) if METRICS[key[0]].family == family]
+    rows = [(cell, [_entry(case, cell, column, limits) for column in columns]) for cell in case.cells.values() if cell.ran]
     held = [(cell, entries) for cell, entries in rows if not all(entry.absent for entry in entries)]
     without = [cell.label for cell, entries in rows if all(entry.absent for entry in entries)]
     note = against_bound(case.results.bounds) if family == "bound" else ""
     inside = listed(dict.fromkeys(column.head for column in columns))
     return Table(family, FAMILIES[family], inside, note, columns, held, listed(without) if without else "")
+
+
+def _ordered(case: CaseView) -> list[Key]:
+    """The keys, those over surviving runs, which are there where any run diverged, right behind those over all."""
+    place = {key: i for i, key in enumerate(case.keys)}
+    return sorted(case.keys, key=lambda key: (place.get((key[0], whole(key[1])), place[key]), place[key]))
 
 
 def _column(case: CaseView, key: Key) -> Column:
@@ -84,17 +130,32 @@ def _column(case: CaseView, key: Key) -> Column:
     reading = reading if metric.ranked else "not ranked"
     named = metric.unit == "block" or sum(key[0] == metric.name for key in case.keys) > 1
     under = block if metric.unit == "block" else f"{block}; {reading}" if named else reading
+    shown = {cell.quantity(key).interval for cell in case.cells.values() if _scored(cell.scores.get(key))}
+    instead = shown.pop() if len(shown) == 1 and shown <= set(WORDS) else ""
     ahead = case.ahead(key)
-    return Column(key, HEADS.get(metric.name, metric.title), under, ahead[0].label if ahead else "")
+    return Column(
+        key,
+        HEADS.get(metric.name, metric.title),
+        f"{under}; {instead}" if instead else under,
+        ahead[0].label if ahead else "",
+        instead,
+    )
 
 
-def _entry(case: CaseView, cell: CellView, column: Column) -> Entry:
+def _scored(score: Score | None) -> bool:
+    return score is not None and score.runs > 0 and not math.isnan(score.value)
+
+
+def _entry(case: CaseView, cell: CellView, column: Column, limits: Mapping[str, float]) -> Entry:
     key = column.key
     metric, score = METRICS[key[0]], cell.scores.get(key)
     if score is None or score.runs == 0:
         if not metric.timed or any(METRICS[name].timed and held.runs for (name, _), held in cell.scores.items()):
             return Entry(absent="none")
         return Entry(absent=f"failed: {cell.timing_failure}" if cell.timing_failure else "not timed")
+    runs = "" if score.runs == score.total else f"{score.runs} of {score.total} runs"
+    if metric.unit == "block" and score.value <= limits.get(whole(key[1]), -1.0):
+        return Entry(NEGLIGIBLE, runs=runs, place=0.0)
     flags = []
     if cell.label == column.ahead:
         best = BESTS[metric.better] if isinstance(metric.better, str) else f"nearest to {metric.better:g}"
@@ -103,14 +164,6 @@ def _entry(case: CaseView, cell: CellView, column: Column) -> Entry:
     if over.get(metric.name) and case.results.bounds[0].strict:
         sure = any(remark.kind == "too good" for remark in cell.remarks)
         flags.append("below the bound: too good" if sure else "below the bound: chance, or too good")
-    runs = "" if score.runs == score.total else f"{score.runs} of {score.total} runs"
-    return Entry(cell.quantity(key), cell.mark(key), runs, tuple(flags))
-
-
-def warned(case: CaseView) -> list[Warned]:
-    """The estimators of which something must be known, with up to four reasons of what went wrong."""
-    return [
-        Warned(cell, cell.reasons[:4], max(0, len(cell.reasons) - 4))
-        for cell in case.cells.values()
-        if cell.remarks or cell.failures
-    ]
+    words, mark = cell.quantity(key), cell.mark(key)
+    words = Quantity(words.value, words.unit, "") if words.interval == column.instead else words
+    return Entry(words, STANDINGS.get(mark, mark), runs, tuple(flags), place=score.value)

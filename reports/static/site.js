@@ -1,102 +1,108 @@
-// The choice of the metric on the overview, tooltips, the highlighting of a line in a figure, and unfolding for a link.
+// What all pages share: the address as a store of states, the skip link, and unfolding for a link.
+//
+// After "#" an address holds, joined by "&", at most one anchor (an id; it has no "=") and states of scripts (key=value):
+//   #rmse-0             an anchor
+//   #hide=3,5           a state
+//   #rmse-0&hide=3,5    both
+// Scripts of pages read and write their own keys and leave the rest as it is:
+//   address.anchor()                 "rmse-0", or ""
+//   address.get("hide")              "3,5", or null where the address does not say
+//   address.set({ hide: "3,5" })     null or "" takes a key out; the history gets no new entry
+//   address.push({ show: "nees" })   the same as a new entry, which the button "back" undoes
+//   address.follow(show)             calls show() now, and whenever the address changes but by set and push
+// A link to an anchor alone keeps the states.
 "use strict";
 
-const PARTS = ["value", "unit", "interval", "mark", "runs", "note"];
+const address = (() => {
+  const followers = [];
+  let known = null; // the part behind "#" that the page shows
+  let current = { anchor: "", states: new Map() };
 
-function chooser() {
-  const source = document.getElementById("matrix-data");
-  const select = document.getElementById("choice");
-  if (!source || !select) return;
-  const data = JSON.parse(source.textContent);
-  const rows = [...document.querySelectorAll(".matrix tbody tr")].map((tr) => [...tr.querySelectorAll("[data-cell]")]);
-
-  function fill(td, [state, value, unit, interval, mark, runs, shade, note]) {
-    const shown = { value, unit, interval, mark, runs, note };
-    td.className = `cell ${state.replace(" ", "-")} ${shade}`;
-    for (const part of PARTS) td.querySelector(`[data-${part}]`).textContent = shown[part];
-    const tip = td.querySelector(".tip");
-    tip.hidden = !tip.textContent.trim();
-    const link = td.querySelector("a");
-    if (!tip.hidden) link.setAttribute("aria-describedby", tip.id);
-    else link.removeAttribute("aria-describedby");
+  function decoded(text) {
+    try {
+      return decodeURIComponent(text);
+    } catch {
+      return text;
+    }
   }
 
-  function show(number) {
-    const choice = data.choices[number];
-    rows.forEach((cells, r) => cells.forEach((td, c) => fill(td, data.shown[data.cells[r][number][c]])));
-    document.querySelector("[data-title]").textContent = choice.title;
-    document.querySelector("[data-better]").textContent = choice.better;
-    document.querySelector("[data-legends]").hidden = !choice.legend.length;
-    document.querySelectorAll("[data-legend]").forEach((item, i) => { item.textContent = choice.legend[i] ?? ""; });
-    select.selectedIndex = number;
+  function read() {
+    const items = location.hash.slice(1).split("&").filter(Boolean);
+    const states = items.filter((item) => item.includes("=")).map((item) => {
+      const at = item.indexOf("=");
+      return [decoded(item.slice(0, at)), decoded(item.slice(at + 1))];
+    });
+    return { anchor: items.find((item) => !item.includes("=")) ?? "", states: new Map(states) };
   }
 
-  function fromAddress() {
-    const wanted = new URLSearchParams(location.hash.slice(1)).get("show");
-    if (wanted === null && location.hash) return; // an anchor, no choice
-    show(Math.max(0, data.choices.findIndex((choice) => choice.id === wanted)));
+  // Commas and colons may stand in an address as they are, and are easier to read so.
+  const encoded = (text) => encodeURIComponent(text).replaceAll("%2C", ",").replaceAll("%3A", ":");
+
+  function written(anchor, states) {
+    return [anchor, ...[...states].map(([key, value]) => `${encoded(key)}=${encoded(value)}`)].filter(Boolean).join("&");
   }
 
-  select.addEventListener("change", () => {
-    show(select.selectedIndex);
-    history.replaceState(null, "", `#show=${data.choices[select.selectedIndex].id}`);
-  });
-  window.addEventListener("hashchange", fromAddress);
-  document.querySelectorAll("[data-needs-script]").forEach((element) => { element.hidden = false; });
-  fromAddress();
-}
+  function change(changes, method) {
+    for (const [key, value] of Object.entries(changes)) {
+      if (value === null || value === "") current.states.delete(key);
+      else current.states.set(key, String(value));
+    }
+    put(method);
+  }
+
+  // An entry of the history that was written here is marked; one that a link made is not.
+  function put(method) {
+    const after = written(current.anchor, current.states);
+    history[method]({ written: true }, "", after ? `#${after}` : location.pathname + location.search);
+    known = location.hash;
+  }
+
+  function arrive() {
+    if (location.hash === known) return;
+    const found = read();
+    const linked = found.anchor && !found.states.size && !history.state;
+    current = linked ? { anchor: found.anchor, states: current.states } : found;
+    visit();
+    for (const show of followers) show();
+    unfold();
+  }
+
+  // The browser finds a target for an anchor alone, so an anchor beside states is visited by itself first.
+  function visit() {
+    if (current.anchor && current.states.size) location.replace(`#${current.anchor}`);
+    put("replaceState");
+  }
+
+  // What is folded away is unfolded for a link; newer browsers do so by themselves.
+  function unfold() {
+    const target = document.getElementById(decoded(current.anchor));
+    const folded = target?.closest("details:not([open])");
+    if (!folded) return;
+    for (let each = folded; each; each = each.parentElement.closest("details")) each.open = true;
+    target.scrollIntoView();
+  }
+
+  arrive();
+  window.addEventListener("hashchange", arrive);
+  window.addEventListener("load", visit); // when a page is whole the browser looks for the target once more
+  return {
+    anchor: () => decoded(current.anchor),
+    get: (key) => current.states.get(key) ?? null,
+    set: (changes) => change(changes, "replaceState"),
+    push: (changes) => change(changes, "pushState"),
+    follow: (show) => {
+      followers.push(show);
+      show();
+    },
+  };
+})();
 
 // The skip link moves the focus but leaves the address, which holds the choice.
 function skipLink() {
   document.querySelector(".skip").addEventListener("click", (event) => {
     event.preventDefault();
-    document.getElementById("main").focus();
+    document.getElementById("page_main").focus();
   });
-}
-
-// A tooltip would be cut off by the box in which its table scrolls, so it is placed on the window.
-function tooltips() {
-  function place(link) {
-    const tip = link.parentElement.querySelector(".tip");
-    if (!tip || tip.hidden) return;
-    tip.classList.remove("dismissed");
-    const box = link.getBoundingClientRect();
-    tip.style.position = "fixed";
-    tip.style.left = `${Math.max(8, Math.min(box.left, innerWidth - tip.offsetWidth - 8))}px`;
-    const below = box.bottom + 4;
-    tip.style.top = `${below + tip.offsetHeight < innerHeight ? below : Math.max(8, box.top - tip.offsetHeight - 4)}px`;
-  }
-  for (const link of document.querySelectorAll(".cell a")) {
-    for (const kind of ["mouseenter", "focus"]) link.addEventListener(kind, () => place(link));
-  }
-  document.addEventListener("keydown", (event) => {
-    if (event.key === "Escape") document.querySelectorAll(".tip").forEach((tip) => tip.classList.add("dismissed"));
-  });
-}
-
-function highlighting() {
-  for (const figure of document.querySelectorAll("figure")) {
-    const series = figure.querySelectorAll("[data-series]");
-    const only = (key) => series.forEach((g) => g.classList.toggle("dim", key !== null && g.dataset.series !== key));
-    for (const item of figure.querySelectorAll("[data-key]")) {
-      for (const kind of ["mouseenter", "focus"]) item.addEventListener(kind, () => only(item.dataset.key));
-      for (const kind of ["mouseleave", "blur"]) item.addEventListener(kind, () => only(null));
-    }
-  }
-}
-
-// A link to what is folded away unfolds it; newer browsers do so by themselves.
-function unfold() {
-  const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
-  const folded = target?.closest("details:not([open])");
-  if (!folded) return;
-  folded.open = true;
-  target.scrollIntoView();
 }
 
 skipLink();
-chooser();
-tooltips();
-highlighting();
-unfold();
-window.addEventListener("hashchange", unfold);

@@ -48,9 +48,7 @@ class Evidence:
     @functools.cached_property
     def negligible(self) -> Array:
         """What of each component of the state counts as rounding [n]."""
-        with np.errstate(all="ignore"):
-            largest = np.fmax.reduce(np.abs(self.truth.x), axis=(0, 2), initial=0.0)
-        return np.asarray(ROUNDING * largest)
+        return rounding_of(self.truth.x)
 
     @functools.cached_property
     def certain(self) -> Flags:
@@ -111,3 +109,9 @@ def _along_axes(unit: Array, correlation: Array) -> Array:
     positive = values[:, 0] > unit.shape[1] * np.finfo(float).eps * values[:, -1]
     along = np.einsum("rij,ri->rj", directions, unit)
     return np.where(positive, (along**2 / np.where(values > 0, values, 1.0)).sum(-1), np.inf)
+
+
+def rounding_of(x: Array) -> Array:
+    """What of each component of states x[T, n, R] counts as rounding [n]: a share of its largest size."""
+    with np.errstate(all="ignore"):
+        return np.asarray(ROUNDING * np.fmax.reduce(np.abs(x), axis=(0, 2), initial=0.0))

@@ -18,8 +18,10 @@ def pytest_configure(config: pytest.Config) -> None:
 def kept(benchmark, pytestconfig: pytest.Config) -> Iterator[None]:
     """A benchmark's figures become a row of its table; those of no table are left to pytest-benchmark's own."""
     yield
+    if benchmark.stats is not None:
+        benchmark.stats.group = benchmark.group  # pytest-benchmark takes the one from before the call
     if "table" in benchmark.extra_info:
-        row = dict(benchmark.extra_info)
+        row = {name: value for name, value in benchmark.extra_info.items() if name != "turns"}
         pytestconfig.stash[ROWS][row.pop("table")].append(row)
 
 

@@ -239,7 +239,7 @@ def test_gaussian_filter_against_filterpy(benchmark, case: str, model: Any, name
     def peer() -> Track:  # its second run costs what its first does
         return loop(model, y[:, :, 0])
 
-    rivals = {"one": lambda: ours.run(model, one), "hundred": lambda: ours.run(model, y)}
+    rivals = {"one": lambda: ours.run(model, one), "100": lambda: ours.run(model, y)}
     turns = in_turns(benchmark, peer, rivals, rounds_within(4, peer, low=5, high=30))
     us = 1e6 / len(y)
     benchmark.group = f"{case}, Gaussian filters and filterpy's"
@@ -250,7 +250,7 @@ def test_gaussian_filter_against_filterpy(benchmark, case: str, model: Any, name
         "filter": name,
         "filterpy": us * float(np.median(turns.subject)),
         "one run": us * turns.medians()["one"],
-        "100 runs": us / RUNS * turns.medians()["hundred"],
+        "100 runs": us / RUNS * turns.medians()["100"],
         "filterpy to one": turns.ratio("one"),
-        "filterpy to 100": RUNS * turns.ratio("hundred"),
+        "filterpy to 100": RUNS * turns.ratio("100"),
     }

@@ -77,7 +77,7 @@ def test_bootstrap_against(benchmark, one_core, library: str) -> None:
     y = CASE.simulate(runs=1, seed=1).y
     peer = prepare(library, MODEL, y[:, :, 0], COUNT)
     rounds = rounds_within(8, lambda: peer(1))
-    turns = in_turns(benchmark, lambda: peer(1), {"ours": lambda: OURS.run(MODEL, y, seed=1)}, rounds)
+    turns = in_turns(benchmark, lambda: peer(1), {"filterbench": lambda: OURS.run(MODEL, y, seed=1)}, rounds)
     per_particle_step = 1e9 / (COUNT * len(y))
     benchmark.group = f"ballistic/1, bootstrap with {COUNT} particles, other libraries"
     benchmark.extra_info |= {
@@ -85,6 +85,6 @@ def test_bootstrap_against(benchmark, one_core, library: str) -> None:
         "library": library,
         "version": version(library),
         "ns_per_particle_step": per_particle_step * float(np.median(turns.subject)),
-        "filterbench_ns": per_particle_step * turns.medians()["ours"],
-        "ratio_to_filterbench": turns.ratio("ours"),
+        "filterbench_ns": per_particle_step * turns.medians()["filterbench"],
+        "ratio_to_filterbench": turns.ratio("filterbench"),
     }

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from suite.linalg import Array
+from suite.metrics.cost import quantile_ranks
 from suite.random import Generators
 
 Job = Callable[[], object]
@@ -29,13 +30,24 @@ class Turns:
         """How many times as long as a rival the subject takes."""
         return float(np.median(self.subject / self.rivals[rival]))
 
+    def intervals(self) -> dict[str, list[float]]:
+        """By rival the ratio and the ends of its exact 95 % interval, which are NaN for fewer than six rounds."""
+        found = {}
+        for rival, seconds in self.rivals.items():
+            ordered = np.concatenate([[np.nan], np.sort(self.subject / seconds), [np.nan]])
+            found[rival] = [self.ratio(rival), *(float(ordered[rank]) for rank in quantile_ranks(len(seconds), 0.5))]
+        return found
+
     def medians(self) -> dict[str, float]:
         """Median seconds of the rivals, by name."""
         return {name: float(np.median(seconds)) for name, seconds in self.rivals.items()}
 
 
 def in_turns(benchmark, subject: Job, rivals: Mapping[str, Job], rounds: int) -> Turns:
-    """Time the rivals and then the subject, round after round; the benchmark's own figures are the subject's."""
+    """Time the rivals and then the subject, round after round; the benchmark's own figures are the subject's.
+
+    Its file keeps the ratios, as `turns`: `filterbench report` shows those whose rival a benchmark names, as "ratio_to_floor".
+    """
     seconds: dict[str, list[float]] = {name: [] for name in rivals}
 
     def rivals_first() -> None:
@@ -43,7 +55,9 @@ def in_turns(benchmark, subject: Job, rivals: Mapping[str, Job], rounds: int) ->
             seconds[name].append(clock(job))
 
     benchmark.pedantic(subject, setup=rivals_first, rounds=rounds, warmup_rounds=1)
-    return Turns(np.array(benchmark.stats.stats.data), {name: np.array(s[-rounds:]) for name, s in seconds.items()})
+    turns = Turns(np.array(benchmark.stats.stats.data), {name: np.array(s[-rounds:]) for name, s in seconds.items()})
+    benchmark.extra_info["turns"] = turns.intervals()
+    return turns
 
 
 def clock(job: Job) -> float:

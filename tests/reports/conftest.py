@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -148,9 +149,13 @@ def build(loaded, out, command="filterbench report", findings=None, **inputs):
 def rendered(loaded, **inputs):
     """All files of the site of some results by name."""
     with tempfile.TemporaryDirectory() as folder:
-        out = build(loaded, Path(folder) / "site", **inputs)
-        paths = [path for path in out.rglob("*") if path.is_file() and path.name != MANIFEST]
-        return {path.relative_to(out).as_posix(): path.read_text(encoding="utf-8") for path in paths}
+        return contents(build(loaded, Path(folder) / "site", **inputs))
+
+
+def contents(site):
+    """All files of a site by name."""
+    paths = [path for path in site.rglob("*") if path.is_file() and path.name != MANIFEST]
+    return {path.relative_to(site).as_posix(): path.read_text(encoding="utf-8") for path in paths}
 
 
 class Page(HTMLParser):
@@ -192,13 +197,80 @@ def read(path):
     return Page(Path(path).read_text(encoding="utf-8"))
 
 
-def matrix(page):
-    """The data that the overview's script reads, each cell as what it shows."""
+def matrix(files):
+    """The matrix of a site's files: its choices, and by case and choice what each cell shows as eight texts.
+
+    These are state, value, unit, interval, mark, count of runs, class of shading, and reason.
+    """
+    page = files["index.html"]
     data = json.loads(re.search(r'<script type="application/json" id="matrix-data">(.*?)</script>', page, re.S)[1])
-    return data | {"cells": [[[data["shown"][i] for i in row] for row in rows] for rows in data["cells"]]}
+    states = iter(re.findall(r'<td class="cell ([a-z-]+)', page))
+    fixed = [[(next(states).replace("-", " "), [data["texts"][i] for i in said]) for said in row] for row in data["said"]]
+    shown = [handed(files[f"data/matrix-{choice['id']}.js"]) for choice in data["choices"]]
+    cells = [[_eight(rows[case], row, notes) for notes, rows in shown] for case, row in enumerate(fixed)]
+    return data | {"cells": cells}
+
+
+def handed(script):
+    """The notes and rows that a script hands to the overview."""
+    data = json.loads(re.fullmatch(r'overview\.receive\("[a-z0-9-]+", (.*)\);\n', script)[1])
+    return data["notes"], data["rows"]
+
+
+def _eight(row, fixed, notes):
+    found = []
+    for cell, (state, said) in zip(row["cells"], fixed, strict=True):
+        if not cell:
+            found.append([state, state, "", "", "", "", "", said[0]])
+            continue
+        state, value, unit, interval, mark, runs, shade, _, note, *_ = [*cell, *[0] * 8]
+        why = notes[note] or next(iter(said), "")
+        found.append([state, value, unit or row["unit"], interval, mark, runs, f"shade-{shade}" if shade >= 0 else "", why])
+    return found
 
 
 @pytest.fixture(scope="session")
 def site(variety, tmp_path_factory):
     """The site of those results."""
     return build(variety, tmp_path_factory.mktemp("site") / "out")
+
+
+ARGUMENTS = [
+    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A headless Chromium, started once."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if chromium is None:
+        pytest.skip("no Chromium is installed")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def visit(browser, site):
+    """Opens a page of a site; at the end no page may have complained or asked for anything from outside."""
+    contexts, complaints = [], []
+
+    def open_page(name="index.html", folder=site, **options):
+        context = browser.new_context(**options)
+        context.set_default_timeout(8000)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: complaints.append(message.text) if message.type in ("error", "warning") else None)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: request.url.startswith(("file:", "data:")) or complaints.append(request.url))
+        page.goto((folder / name.partition("#")[0]).as_uri() + "".join(name.partition("#")[1:]))
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert complaints == []

@@ -6,9 +6,11 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from reports.figures import beyond, frame, over_time
+from reports.figures import extremes, over_time, value_axis
 from reports.formula import mathml, prose
 from reports.marks import COLOURS, DASHES, marks
+from reports.plots.over_time import beyond
+from reports.plots.plane import frame
 from reports.series import Series
 from suite.metrics import METRICS
 
@@ -38,15 +40,61 @@ def test_a_wide_range_has_a_logarithmic_axis():
     assert "2000" in texts(draw(series("a", [900, 1500, 2000]), series("b", [1000, 900, 2000])))
 
 
-def test_what_is_far_from_a_target_does_not_hide_what_is_near():
-    """An axis with a target ends at a thousand times it, unless nothing would be left; one without reaches everything."""
-    near, far = series("a", [0.5, 1, 2]), series("b", [1, 1e6, 1e9])
-    assert beyond([near, far], 1.0) == 1000
-    assert "1000" in texts(draw(near, far, target=1.0))
-    assert "10⁸" not in texts(draw(near, far, target=1.0))
-    assert "10⁸" in texts(draw(near, far))
-    assert beyond([near], 1.0) == beyond([near, far], None) == beyond([series("c", [1e6, 1e9])], 1.0) == np.inf
-    assert "10⁸" in texts(draw(series("c", [1e6, 1e9]), target=1.0))
+def test_one_line_far_above_the_others_leaves_the_axis_and_is_told():
+    near, far = [series(f"n{i}", [1, 2, 2]) for i in range(3)], series("far", [1, 700, 8000])
+    axis = value_axis([*near, far])
+    assert axis.high < 10
+    assert "1000" not in texts(draw(*near, far))
+    assert beyond([*near, far], axis, "m") == f" The axis ends at {axis.high:.3g} m. Beyond it: far from 2 s on, up to 8000."
+    assert beyond(near, axis) == ""
+
+
+def test_it_is_told_when_a_line_is_beyond_the_axis():
+    near = [series(f"n{i}", [1, 2, 2]) for i in range(3)]
+    for values, words in (([900, 900, 900], "at all times"), ([900, 1, 900], "at times"), ([1, 1, 900], "from 3 s on")):
+        line = series("far", values)
+        assert f"far {words}, up to 900" in beyond([*near, line], value_axis([*near, line]))
+
+
+def test_an_axis_holds_all_lines_that_are_not_far_apart():
+    lines = [series("a", [1, 2, 3]), series("b", [1, 50, 60])]
+    assert value_axis(lines).high > 60
+    assert beyond(lines, value_axis(lines)) == ""
+
+
+def test_an_axis_suits_the_lines_that_are_shown_at_first():
+    """Those behind the eighth widen it to twice what these need at most."""
+    leading = [series(f"n{i}", [1, 2, 2]) for i in range(8)]
+    assert value_axis([*leading, series("last", [1, 1, 3.9])]).high > 3.9
+    assert value_axis([*leading, series("last", [1, 1, 20])]).high < 3
+
+
+def test_an_axis_of_a_bounded_metric_is_linear():
+    line = series("a", [1e-30, 1e-30, 1.2])
+    assert value_axis([line]).log
+    axis = value_axis([line], most=2.0)
+    assert not axis.log
+    assert axis.low == 0
+
+
+def test_a_target_is_within_the_axis():
+    axis = value_axis([series("a", [0.1, 0.2, 0.2])], 1.0)
+    assert axis.low < 1 < axis.high
+
+
+def test_a_long_line_keeps_its_extremes_and_its_gaps():
+    time = np.arange(5000.0)
+    value = np.sin(time / 50)
+    value[1234], value[4000], value[2500:2510] = 9.0, -7.0, np.nan
+    at, kept = extremes(time, value)
+    assert len(at) < 400
+    assert (np.diff(at) > 0).all()
+    assert kept[at == 1234] == 9
+    assert kept[at == 4000] == -7
+    assert np.isnan(kept).sum() == 10
+    assert (at[0], at[-1]) == (0, 4999)
+    np.testing.assert_array_equal(kept, value[at.astype(int)])
+    np.testing.assert_array_equal(extremes(time[:300], value[:300])[1], value[:300])
 
 
 @pytest.mark.parametrize("target", [None, 1.0])

@@ -5,8 +5,9 @@ import re
 
 import numpy as np
 
-from reports import figures, series
+from reports import series
 from reports.marks import marks
+from reports.plots import plane, runs
 from suite.case import Card, Divergence, StateBlock, Truth
 from suite.estimator import Estimate
 from suite.metrics import METRICS
@@ -44,6 +45,12 @@ def walked(*unknown):
     return x
 
 
+def track(case):
+    """The median run on the plane, or the only one that can be told."""
+    found = plane.tracks(case, ["ekf"], runs.chosen(case, ["ekf"], CARD.plane))
+    return next((each for each in found if each.which == runs.MEDIAN), found[0])
+
+
 def test_lines_stand_at_the_times_of_the_steps():
     (line,) = series.over_time(results(walked()), METRICS["rmse"], ["ekf"])["position"]
     np.testing.assert_array_equal(line.time, TIMES)
@@ -60,41 +67,41 @@ def test_steps_of_unknown_truth_are_gaps_in_a_line():
 
 
 def test_the_median_run_is_found_by_the_steps_that_are_known():
-    assert series.tracks(results(walked(1)), ["ekf"]).run == 2
-    assert series.tracks(results(walked(1), (3.0, 7.0, 1.0)), ["ekf"]).run == 0
+    assert track(results(walked(1))).run == 2
+    assert track(results(walked(1), (3.0, 7.0, 1.0))).run == 0
 
 
 def test_runs_of_unknown_truth_have_no_part_in_the_median():
     x = walked()
     x[..., 1] = np.nan
-    assert series.tracks(results(x), ["ekf"]).run == 2  # of 7 and 3 the lower
-    assert series.tracks(results(walked(0, 1, 2, 3)), ["ekf"]).run == 0
-    far = series.tracks(results(walked(), (1e200, 1e200, 1e200)), ["ekf"])  # squares overflow, and are known to be large
+    assert track(results(x)).run == 2  # of 7 and 3 the lower
+    assert track(results(walked(0, 1, 2, 3))).run == 0
+    far = track(results(walked(), (1e200, 1e200, 1e200)))  # squares overflow, and are known to be large
     assert (far.run, far.known) == (1, True)
 
 
 def test_a_place_is_known_by_both_its_coordinates():
     x = walked()
     x[:, 0], x[2, 0], x[2, 1] = np.nan, 3.0, np.nan
-    assert not series.tracks(results(x), ["ekf"]).known
+    assert not track(results(x)).known
     x[2, 1] = 4.0
-    assert series.tracks(results(x), ["ekf"]).known
+    assert track(results(x)).known
 
 
 def test_without_a_truth_the_estimates_are_drawn_where_they_are():
-    track = series.tracks(results(walked(0, 1, 2, 3), (500.0, 500.0, 500.0)), ["ekf"])
-    track = dataclasses.replace(track, estimates={"ekf": track.estimates["ekf"] + np.arange(4.0)})
-    drawing = str(figures.ground(track, CARD, marks(["ekf"]), "fig", "Ground"))
+    found = track(results(walked(0, 1, 2, 3), (500.0, 500.0, 500.0)))
+    found = dataclasses.replace(found, estimates={"ekf": found.estimates["ekf"] + np.arange(4.0)})
+    drawing = str(plane.draw(found, CARD, marks(["ekf"]), "fig", "Plane"))
     ticks = [float(t) for t in re.findall(r"<text[^>]*>([\d.]+)</text>", drawing)]
     assert min(ticks) > 400
     assert max(ticks) < 600
     assert "start" in drawing
-    nothing = dataclasses.replace(track, estimates={"ekf": np.full((2, 4), np.nan)})
-    assert figures.ground(nothing, CARD, marks(["ekf"]), "fig", "Ground") is None
+    nothing = dataclasses.replace(found, estimates={"ekf": np.full((2, 4), np.nan)})
+    assert plane.draw(nothing, CARD, marks(["ekf"]), "fig", "Plane") is None
 
 
 def test_a_truth_with_gaps_is_framed_where_it_is_known(monkeypatch):
-    seen, frame = [], figures.frame
-    monkeypatch.setattr(figures, "frame", lambda places, sites: seen.append(places) or frame(places, sites))
-    figures.ground(series.tracks(results(walked(0, 2)), ["ekf"]), CARD, marks(["ekf"]), "fig", "Ground")
+    seen, frame = [], plane.frame
+    monkeypatch.setattr(plane, "frame", lambda places, sites: seen.append(places) or frame(places, sites))
+    plane.draw(track(results(walked(0, 2))), CARD, marks(["ekf"]), "fig", "Plane")
     np.testing.assert_array_equal(seen, [[[200, 400], [200, 400]]])

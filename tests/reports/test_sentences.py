@@ -6,11 +6,13 @@ import re
 import numpy as np
 import pytest
 
-from reports.sentences import bounded, headline
+from reports.sentences import behind, bounded, headline
 from reports.views import private, view
 from suite import bounds
+from suite.case import RECORDED
 from suite.case_bounds import BlockBound
 from suite.results import CaseResults
+from suite.score import TIED
 from tests.reports.conftest import rendered
 
 
@@ -25,7 +27,7 @@ def test_a_tie_and_a_winner_are_told_case_by_case(tools, tmp_path):
     assert accuracy.endswith(" m).")
     assert runs == (
         "Of 12 runs, none failed or was lost and none diverged. In 1 of 3 combinations that ran, scores show a fault of the "
-        "estimator (optimistic in 1; of right ones each kind shows in less than one of 1000)."
+        "estimator (optimistic in 1)."
     )
     assert cost == "On easy, near has the shortest step (102 µs)."
 
@@ -56,15 +58,46 @@ def test_what_went_wrong_is_counted_and_placed(tools, tmp_path):
     )
 
 
+def test_more_than_two_cells_in_which_runs_went_wrong_are_counted(tools, tmp_path):
+    estimators = [tools.scripted(f"lost {n}", bad=range(n), status="lost") for n in (1, 3, 2)]
+    _, runs, _ = sentences(tools.written(tmp_path / "r").add([tools.case()], estimators).load())
+    assert runs.startswith("Of 12 runs, 6 failed or were lost (in 3 cells, among them lost 3 on easy, 3 of 4) and 6 diverged (")
+
+
 def test_many_cases_are_counted(tools, tmp_path):
-    estimators = [tools.scripted("near"), tools.scripted("twin"), tools.scripted("far", shift=500.0)]
+    estimators = [tools.scripted(name) for name in ("near", "twin", "third", "fourth")] + [tools.scripted("far", shift=500.0)]
     cases = [tools.case(f"case {i}") for i in range(5)]
-    accuracy, _, cost = sentences(tools.written(tmp_path / "r").add(cases, estimators, runs=3).load())
+    loaded = tools.written(tmp_path / "r").add(cases, estimators, runs=3).load()
+    accuracy, _, cost = sentences(loaded)
     assert accuracy == (
-        "By RMSE of each case's first block, near leads or ties for the lead in 5 of 5 cases (alone in none); "
-        "twin in 5 of 5 cases (alone in none)."
+        "By RMSE of each case's first block, in 5 cases, most often best or among the best: "
+        "near in 5, twin in 5 and third in 5, and 1 other in as many."
     )
-    assert cost == "By time of a step, near leads or ties for the lead in 5 of 5 cases (alone in 5)."
+    assert cost == "By time of a step, in 5 cases, most often best or among the best: near in 5 (alone in 5)."
+    shown = [view(private(case), loaded.labels) for case in loaded.cases.values()]
+    for label in ("near", "twin"):
+        shown[0].cells[label].standing["latency", "step"] = TIED
+    assert headline(shown)[2].endswith("most often best or among the best: near in 5 (alone in 4) and twin in 1.")
+    recorded = loaded.cases["case 4"]
+    recorded.card = dataclasses.replace(recorded.card, origin=RECORDED)
+    accuracy, _, _ = sentences(loaded)
+    assert accuracy.startswith(
+        "By RMSE of each case's first block, in the 4 of 5 cases where anybody can be ranked, most often"
+    )
+
+
+def test_what_lies_behind_the_scores_is_counted(tools, tmp_path):
+    written = tools.written(tmp_path / "r").add([tools.case("one")], [tools.scripted("a"), tools.scripted("b")], runs=3)
+    loaded = written.add([tools.case("two")], [tools.scripted("a")], runs=12).load()
+    assert behind([]) == ""
+    assert told_behind(loaded) == "3 to 12 runs a cell"
+    for label, particles in (("a", 50), ("b", 1000)):
+        loaded.cases["one"].cells[label].meta = {"parameters": {"particles": particles}}
+    assert told_behind(loaded) == "3 to 12 runs a cell; particle filters carry 50 to 1000 particles"
+
+
+def told_behind(loaded):
+    return behind([view(private(case), loaded.labels) for case in loaded.cases.values()])
 
 
 def test_nothing_stored(tools):

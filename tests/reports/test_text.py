@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reports.text import THIN, count, listed, number, place, quantity, slugs, tick
+from reports.text import count, listed, quantity, slugs, tick
+from suite.digits import THIN, number, place
 from suite.metrics import METRICS, Score
 
 SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
@@ -38,6 +39,8 @@ def shown(name, value, low, high, unit="", runs=12, total=12):
         ("latency", (1260.0, 1197.0, 1433.0, "µs"), ("1.26", "ms", "1.20 to 1.43")),
         ("throughput", (67290.0, 66780.0, 67720.0, "run-steps/s"), ("67 300", "run-steps/s", "66 800 to 67 700")),
         ("eta", (3.989, 3.741, 4.272, "mixed"), ("4.0", "mixed units", "3.7 to 4.3")),
+        ("rmse", (13.49, 13.489999, 14.54, "m"), ("13.5", "m", "13.5 to 14.5")),
+        ("nees", (7000.0, 16.0, 2.428e9, ""), ("7000", "", "16 to 2.43 × 10⁹")),
         ("rmse", (1.0, 1.0, 1.0, "m"), ("1.000", "m", "1.000 to 1.000")),
     ],
 )

@@ -3,6 +3,7 @@
 import copy
 import io
 import json
+import math
 import os
 import re
 import statistics
@@ -13,8 +14,9 @@ import numpy as np
 import pandas
 import pytest
 
-from suite.benchmarks import read
+from suite.benchmarks import read, select
 from suite.errors import BadInput
+from tests.benchmarks.timing import Turns
 
 SOURCE = """
 import pytest
@@ -125,7 +127,8 @@ def with_value(value, *keys):
         with_value(None, "benchmarks", 0, "stats", "rounds"), with_value(10**15, "benchmarks", 0, "stats", "rounds"),
         with_value(0, "benchmarks", 0, "extra_info", "runs"), with_value("many", "benchmarks", 0, "extra_info", "steps"),
         with_value(float("inf"), "benchmarks", 0, "extra_info", "steps"), with_value(3, "benchmarks"),
-        with_value(None, "machine_info"),
+        with_value(None, "machine_info"), with_value({"turns": 3, "ratio_to_floor": 1.0}, "benchmarks", 2, "extra_info"),
+        with_value({"ratio_to_floor": "high"}, "benchmarks", 2, "extra_info"),
     ],
 )  # fmt: skip
 def test_a_damaged_file_is_named(path, tmp_path, spoil):
@@ -186,6 +189,53 @@ def test_patterns_choose_benchmarks_too(cli, tiny, tmp_path, path):
     assert names("-e", "last") == ["test_filter[1]", "test_filter[4]"]
     assert names("-e", "smoothed") == []
     assert names("-m", "throughput", "rmse") == ["test_filter[4]"]
+
+
+def test_patterns_that_no_benchmark_matches_are_told(cli, tiny, tmp_path, path):
+    assert tiny("-e", "last", "smoothed").code == 0
+    results = ("--results", tmp_path / "results", "--benchmarks", path)
+    said = cli("score", *results, "-e", "smoothed", "-m", "rmse", "nees")
+    assert (said.code, len(said.errors)) == (0, 1)
+    assert said.errors[0].endswith(f"none of the 3 benchmarks in {path} is of estimator 'smoothed' and metric 'rmse' 'nees'")
+    assert cli("score", *results, "-e", "last").errors == []
+
+
+def test_a_file_without_benchmarks_is_told(path, tmp_path, capsys):
+    said = json.loads(path.read_text()) | {"benchmarks": []}
+    (tmp_path / "none.json").write_text(json.dumps(said))
+    assert select([str(tmp_path / "none.json")], (), (), ()) == []
+    assert capsys.readouterr().err == f"filterbench: {tmp_path / 'none.json'} holds no benchmark\n"
+
+
+def test_ratios_to_rivals_have_intervals_where_they_were_timed_in_turns(path, tmp_path):
+    """A rival that does a tenth of the work is a tenth as long: ratio and interval are those for the same work."""
+    said = json.loads(path.read_text())
+    turns = {"floor": [4.0, 3.0, 6.0], "one": [20.0, 10.0, 40.0], "few": [2.0, math.nan, math.nan], "else": [1.0, 1.0, 1.0]}
+    told = {"ratio_to_floor": 4.0, "peer to one": 2.0, "ratio_to_few": 2.0, "ratio_to_other": 7.0, "largest_to_least": 3.0}
+    said["benchmarks"][2]["extra_info"] = {"turns": turns, "filter": "x", "steps": 7, **told}
+    (tmp_path / "x.json").write_text(json.dumps(said))
+    row = by_name(tmp_path / "x.json")["test_else"]
+    assert {name: ratio for name, ratio in row["against"].items() if not math.isnan(ratio[1])} == {
+        "ratio_to_floor": (4.0, 3.0, 6.0), "peer to one": (2.0, 1.0, 4.0),
+    }  # fmt: skip
+    assert {name: ratio[0] for name, ratio in row["against"].items() if math.isnan(ratio[1])} == {
+        "ratio_to_few": 2.0, "ratio_to_other": 7.0,
+    }  # fmt: skip
+    assert row["told"] == {"filter": "x", "steps": 7, "largest_to_least": 3.0}
+
+
+def test_turns_give_the_median_ratio_and_its_exact_interval(path):
+    """Of 25 rounds the 8th and the 18th, as for a median; of five none."""
+    turns = Turns(np.arange(25.0, 0, -1), {"floor": np.full(25, 2.0)})
+    assert turns.intervals() == {"floor": [6.5, 4.0, 9.0]}
+    (few,) = Turns(np.arange(1.0, 6), {"floor": np.ones(5)}).intervals().values()
+    assert few[0] == 3.0
+    assert np.isnan(few[1:]).all()
+
+
+def test_the_machine_is_told_apart_by_node_and_python(path):
+    info, row = json.loads(path.read_text())["machine_info"], by_name(path)["test_else"]
+    assert (row["node"], row["python"], row["dirty"]) == (info["node"], info["python_version"], False)
 
 
 def test_the_printed_table_of_a_file(cli, tiny, tmp_path, path):

@@ -10,7 +10,7 @@ from statsmodels.stats import contingency_tables, multitest
 
 from estimators.bootstrap import Bootstrap
 from suite.case import RECORDED, Card, Divergence, StateBlock, Truth, draw
-from suite.compare import CONDITIONAL, NOTHING, ONE_SAMPLE, compare, gaps
+from suite.compare import CONDITIONAL, NOTHING, ONE_SAMPLE, compare, gaps, nothing_to_compare, ranking
 from suite.differences import effect_size, gap, holm, rates_apart, sign_test, win_probability, wins
 from suite.errors import BadInput
 from suite.estimator import FAILED, LOST, OK, Estimate
@@ -405,3 +405,34 @@ def test_the_command_line(cli, tiny, tmp_path):
         said = asked(*arguments)
         assert (said.code, len(said.errors), said.out) == (2, 1, "")
         assert words in said.errors[0]
+
+
+@pytest.mark.parametrize(
+    ("cells", "cases", "words"),
+    [
+        ({"a": {}}, 2, "it was not run on toy and 1 other; run it there with `filterbench run -e ref`"),
+        ({"ref": {}}, 1, "it is the only estimator chosen on toy; run or choose another one beside it"),
+        (
+            {"ref": {"refusal": "not linear"}, "a": {}},
+            3,
+            "it refused toy and 2 others (not linear); name a reference that accepts it",
+        ),
+        ({"ref": {}, "a": {}}, 1, "on toy; run both on the same case, or name another metric"),
+    ],
+)
+def test_why_there_is_nothing_to_compare(cells, cases, words):
+    case = CaseResults(CARD, 0, [])
+    case.cells = {label: Cell(case, label, {}, **given) for label, given in cells.items()}
+    said = str(nothing_to_compare([case] * cases, "ref", ["a", "ref"]))
+    assert said.startswith("ref has no run to compare with any other")
+    assert said.endswith(words)
+
+
+def test_a_pattern_leaves_out_metrics_that_rank_nobody_and_a_name_does_not():
+    assert {metric.name for metric in ranking(["*"])} == {name for name, metric in METRICS.items() if metric.ranked}
+    assert [metric.name for metric in ranking(["n*"])] == ["nees", "nis"]
+    assert [metric.name for metric in ranking(["nci", "nis"])] == ["nis", "nci"]
+    with pytest.raises(BadInput, match=r"by no metric that matches 'ess\*' is an estimator better"):
+        ranking(["ess*"])
+    with pytest.raises(BadInput, match="by nci no estimator is better than another"):
+        compare([], METRICS["nci"], "ref", [])

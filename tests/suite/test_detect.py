@@ -6,8 +6,6 @@ import json
 
 import pytest
 
-from suite import case_bounds
-
 NAMES = ("auc", "pauc", "detection-rate", "detection-delay")
 CASE = "manoeuvre-detection/naval-loose"
 
@@ -20,7 +18,6 @@ def folder(tmp_path_factory):
 @pytest.fixture
 def stored(cli, inline, folder, monkeypatch):
     """Results of detectors on a case, and of two of them on its twin; of a filter that detects nothing too."""
-    monkeypatch.setattr(case_bounds, "MOST", 100)  # trajectories of bounds, at which nothing here looks
     if not any(folder.iterdir()):
         common = ("--runs", 10, "--block", 10, "--results", folder)
         assert cli("run", "-e", "imm-ekf", "pf-cusum", "nis-chi2", "ekf", "-c", CASE, *common).code == 0
