@@ -7,7 +7,8 @@ import pytest
 PAGE = "case-easy-one.html"
 SORTABLE = """<!doctype html><meta charset="utf-8"><title>t</title><link rel="icon" href="data:,">
 <script src="static/site.js" defer></script>
-<script src="static/tables.js" defer></script><a class="skip" href="#page_main">s</a><main id="page_main"><table class="sortable">
+<script src="static/tables.js" defer></script><a class="skip" href="#page_main">s</a>
+<main id="page_main"><table class="sortable">
 <thead><tr><th>Name</th><th>Size</th><th></th></tr></thead><tbody>
 <tr><th>b10</th><td data-sort="2">two</td><td></td></tr>
 <tr><th>a</th><td data-sort="">none</td><td></td></tr>

@@ -167,5 +167,5 @@ def test_where_there_is_no_bound_no_column_has_its_name(tools, tmp_path, monkeyp
     none = dataclasses.replace(loaded.cases["easy"].bounds[0], kind=bounds.NONE, reason="no noise")
     monkeypatch.setattr(CaseResults, "bounds", [none])
     page = rendered(loaded)["case-easy.html"]
-    assert page.count("There is no bound: no noise.") == 3  # below two figures, and above the table of the family
+    assert page.count("There is no bound: no noise.") == 4  # below two figures, above the first table and that of the family
     assert not re.search("<th[^>]*>[^<]*bound", page)

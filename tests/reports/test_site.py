@@ -157,7 +157,7 @@ def test_no_text_becomes_markup(hostile, tools, tmp_path):
 def test_drawings_are_well_formed(site):
     text = (site / "case-easy-one.html").read_text(encoding="utf-8")
     drawings = re.findall(r"<svg xmlns.*?</svg>", text, re.S)
-    assert len(drawings) == 6
+    assert len(drawings) == text.count('<div class="drawing">') > 6
     for drawing in drawings:
         tree = ET.fromstring(drawing)
         assert tree.get("role") == "img"
