@@ -10,17 +10,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import Formatter, LogLocator, MaxNLocator, NullLocator
 
 from reports import svg
 from reports.marks import Mark
-from reports.text import tick
+from reports.text import scientific, tick
 from suite.linalg import Array
 
 MARKERS_ON_A_LINE = 7
 WIDTH, HEIGHT = 6.6, 3.0
 """Of a figure in inches."""
-LEFT, RIGHT, TOP, BOTTOM = 0.95, 0.2, 0.12, 0.55
+LEFT, RIGHT, TOP, BOTTOM = 1.02, 0.2, 0.12, 0.55
 """Margins in inches. They are fixed: a layout that measures its texts draws every figure twice."""
 GAP = 0.18
 """Between the panels of a figure, in inches."""
@@ -57,7 +57,7 @@ def panels(count: int, columns: int, height: float, width: float = WIDTH, head: 
         row, column = divmod(place, columns)
         left, bottom = LEFT + column * (wide + gap), whole - TOP - head - height - row * (height + head + gap)
         axes = figure.add_axes((left / width, bottom / whole, wide / width, height / whole))
-        axes.yaxis.set_label_coords(-0.8 / wide, 0.5)
+        axes.yaxis.set_label_coords(-0.82 / wide, 0.5)
         axes.tick_params(labelleft=column == 0, labelbottom=place + columns >= count)
         found.append(axes)
     return found
@@ -91,6 +91,21 @@ def whiskers(axes: Axes, x: Array, y: Array, mark: Mark, xerr: Array | None = No
             draw(place, low, high, colors=colour, alpha=0.5, lw=1.0).set_gid(f"series-{mark.series}-whiskers")
 
 
+class Ticks(Formatter):
+    """Numbers at the ticks of an axis: all plain, or all with powers of ten where one of them is far from 1."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """The number alone."""
+        return tick(x)
+
+    def format_ticks(self, values: Sequence[float]) -> list[str]:
+        """The numbers at all ticks, of which those outside the view do not count."""
+        low, high = sorted(self.axis.get_view_interval())
+        sizes = [abs(x) for x in values if x and low <= x <= high]
+        plain = all(1e-4 <= size <= 1e5 for size in sizes)
+        return [f"{x:.6g}".replace("-", "−") if plain else scientific(x) if x and np.isfinite(x) else tick(x) for x in values]
+
+
 def dress(axes: Axes) -> None:
     """Grid and number format alike on all figures."""
     axes.grid(True, lw=0.6)
@@ -104,7 +119,7 @@ def dress(axes: Axes) -> None:
             usual = LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2.2 else (1.0,), numticks=9)
             axis.set_major_locator(usual if decades > 0.8 else MaxNLocator(6, steps=[1, 2, 5, 10]))
             axis.set_minor_locator(NullLocator())
-        axis.set_major_formatter(FuncFormatter(tick))
+        axis.set_major_formatter(Ticks())
 
 
 def log_limits(values: Array, room: float = 1.3) -> tuple[float, float]:

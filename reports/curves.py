@@ -39,7 +39,7 @@ def roc(detectors: Sequence[Detector], kind: str, marks: Mapping[str, Mark], nam
     )
     if kind == "manoeuvre":
         caption += "Of each stretch of a run the largest statistic counts. "
-    caption += "The curves have no intervals; the areas under them in the table have."
+    caption += "The curves have no intervals; the areas under them, in the tables, have."
     columns = [Column("point", np.arange(max((len(x) for x, _ in curves.values()), default=0)))]
     for label, (alarms, found) in curves.items():
         head = f"{label}, false-alarm rate"

@@ -1,4 +1,7 @@
-"""Dot plots: values with their intervals on a logarithmic axis, a row a thing that they are of."""
+"""Dot plots: values with their intervals on a logarithmic axis, a row a thing that they are of, its name above it.
+
+Names above their rows, not beside, leave a figure so narrow that it can be read on a telephone.
+"""
 
 import itertools
 import math
@@ -12,15 +15,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports import svg
-from reports.canvas import BOTTOM, RIGHT, TOP, WIDTH, drawing, dress, log_limits
+from reports.canvas import BOTTOM, RIGHT, TOP, drawing, dress, log_limits
 from reports.marks import Mark
 from reports.text import listed
 
-ROW = 0.21
-"""Height of a row in inches."""
-SIGN = 0.08
-"""Width of a sign of a row's name in inches, about."""
-LONGEST = 35
+WIDE, ROW = 4.2, 0.32
+"""Width of the figure, height of a row in inches."""
+SIZE = 10
+"""Of texts in points."""
+NAME, BAND = -0.44, (-0.18, 0.3)
+"""Where the middle of a row's name is, and the ends of what is left to its dots, from their line down, in rows."""
+LONGEST = 46
 """Signs of a row's name that are shown; of a longer one the middle is left out."""
 REACH = 1e3
 """A value farther from the reference than so many times is an arrow at the edge, or the others could not be told apart."""
@@ -62,18 +67,21 @@ def dots(
     low, high = _limits(finite, reference, bands)
     with drawing():
         figure, axes = _axes([_shortened(row) for row in rows])
+        every = np.arange(len(rows))
         axes.set_xscale("log")
         axes.set_xlim(low, high)
         for row, start, end in bands:
-            axes.barh(row, min(end, high) - max(start, low), left=max(start, low), height=0.74, color=svg.INK, alpha=0.14, lw=0)
-        if reference is not None:
-            axes.axvline(reference, color=svg.INK, lw=0.9, dashes=(5, 2), zorder=1)
+            wide, tall = min(end, high) - max(start, low), BAND[1] - BAND[0]
+            axes.barh(row + BAND[0], wide, tall, max(start, low), align="edge", color=svg.INK, alpha=0.14, lw=0)
+        if reference is not None:  # a piece in each row, since a whole line would cross the names
+            axes.vlines(np.full(len(rows), reference), every + BAND[0], every + BAND[1], color=svg.INK, lw=0.9, zorder=1)
         filled, hollow = ({dot.row for dot in finite if dot.hollow is kind} for kind in (False, True))
         for _, group in itertools.groupby(sorted(finite, key=_look), _look):
             _series(axes, list(group), filled & hollow, low, high)
-        axes.set_xlabel(axis)
+        axes.set_xlabel(axis, fontsize=SIZE)
         dress(axes)
-        return svg.inline(figure, name, title, f"{axis} of {listed(rows, 8)}")
+        drawn = svg.inline(figure, name, title, f"{axis} of {listed(rows, 8)}")
+        return Markup('<svg class="rows" ') + drawn.removeprefix("<svg ")
 
 
 def drawable(value: float) -> bool:
@@ -106,19 +114,20 @@ def _limits(shown: Sequence[Dot], reference: float | None, bands: Sequence[tuple
 
 
 def _axes(names: Sequence[str]) -> tuple[Figure, Axes]:
-    """Axes with a row for each name, and room for the longest of them."""
-    left, height = 0.2 + SIGN * max(map(len, names)), ROW * len(names)
+    """Axes with a row for each name."""
+    height = ROW * (len(names) + 0.3)
     head = 0.3 if len(names) > TALL else TOP
     whole = head + BOTTOM + height
-    figure = Figure(figsize=(WIDTH, whole))
-    axes = figure.add_axes((left / WIDTH, BOTTOM / whole, (WIDTH - left - RIGHT) / WIDTH, height / whole))
-    axes.set_ylim(len(names) - 0.5, -0.5)
+    figure = Figure(figsize=(WIDE, whole))
+    axes = figure.add_axes((RIGHT / WIDE, BOTTOM / whole, 1 - 2 * RIGHT / WIDE, height / whole))
+    axes.set_ylim(len(names) - 0.5, -0.8)
     axes.set_yticks([])  # a tick takes as long to draw as ten lines
-    axes.tick_params(axis="x", labeltop=len(names) > TALL)
+    axes.tick_params(axis="x", labeltop=len(names) > TALL, labelsize=SIZE)
+    axes.spines["left"].set_visible(False)
     beside = axes.get_yaxis_transform()
     axes.hlines(range(len(names)), 0, 1, transform=beside, color=svg.FAINT, lw=0.6, zorder=0.5)
     for row, name in enumerate(names):
-        axes.text(-0.02, row, name, transform=beside, ha="right", va="center", fontsize=10)
+        axes.text(0, row + NAME, name, transform=beside, va="center", fontsize=SIZE)
     return figure, axes
 
 
@@ -126,7 +135,7 @@ def _series(axes: Axes, shown: Sequence[Dot], paired: Collection[int], low: floa
     """The dots of an estimator of one kind, with their intervals."""
     mark, hollow = shown[0].mark, shown[0].hollow
     colour, marker = (svg.colour(mark.colour), mark.marker) if mark else (svg.INK, "o")
-    aside = np.array([(0.18 if hollow else -0.18) if dot.row in paired else 0.0 for dot in shown])
+    aside = np.array([(0.12 if hollow else -0.12) if dot.row in paired else 0.0 for dot in shown])
     rows = np.array([dot.row for dot in shown]) + aside
     values, lows, highs = (np.array([getattr(dot, name) for dot in shown]) for name in ("value", "low", "high"))
     spread = ~np.isnan(lows) & ~np.isnan(highs) & (lows < high) & (highs > low)
@@ -144,5 +153,5 @@ def _series(axes: Axes, shown: Sequence[Dot], paired: Collection[int], low: floa
     for which, shape, kind in ((values < low, "<", "below"), (values > high, ">", "above"), (None, marker, "dots")):
         chosen = (values >= low) & (values <= high) if which is None else which
         if chosen.any():
-            (drawn,) = axes.plot(np.clip(values[chosen], low, high), rows[chosen], marker=shape, ms=6.5, **look)
+            (drawn,) = axes.plot(np.clip(values[chosen], low, high), rows[chosen], marker=shape, ms=6, **look)
             drawn.set_gid(f"{group}{kind}")

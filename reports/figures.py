@@ -18,7 +18,7 @@ LOG_FROM = 30.0
 """A range of values above which the axis is logarithmic."""
 FARTHEST = 30.0
 """So many times the peak of a typical line an axis reaches at most, or the others could not be told apart."""
-ROOM = 2.0
+ROOM = 1.5
 """So many times what the estimators that are shown at first need, an axis makes room for the others."""
 BOUND_DASHES = ((5, 2), (1, 1.5))
 """Of the first bound and the second: dashed and dotted."""
@@ -64,7 +64,7 @@ def value_axis(
     values = joined([*(s.value for s in leading), *levels, [] if target is None else [target]])
     values = values[values <= top]
     # A band may reach anywhere; the lines are what is compared.
-    reach = min(max(float(joined([s.high for s in leading]).max(initial=top)), top), 2 * top if top > 0 else top, most, LARGEST)
+    reach = min(max(float(joined([s.high for s in leading]).max(initial=top)), top), 1.4 * max(top, 0.0) or top, most, LARGEST)
     positive = values[values > 0]
     if most == np.inf and positive.size and top / LOG_FROM > np.quantile(positive, 0.02):
         rounding = max(s.negligible for s in series)

@@ -8,7 +8,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from reports.formula import mathml, prose
 from reports.marks import Mark, marks
-from reports.text import count, grouped, listed, slugs
+from reports.text import breakable, count, grouped, listed, slugs
 from reports.views import PERCENT
 from suite.results import Results
 
@@ -52,6 +52,7 @@ class Frame:
             "estimators": self.estimators,
             "pages": self.cases,
             "percent": PERCENT,
+            "breakable": breakable,
             "count": count,
             "listed": listed,
             "grouped": grouped,

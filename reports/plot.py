@@ -10,7 +10,7 @@ from markupsafe import Markup
 from reports.text import number, tick
 from suite.linalg import Array
 
-TABLE_ROWS = 60
+TABLE_ROWS = 30
 """Rows of a figure's table on the page at most; its file has all."""
 MARKERS_ON_A_LINE = 7
 """Of a figure for LaTeX."""

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import statistics
 from collections import Counter
 from collections.abc import Sequence
 
@@ -44,7 +45,7 @@ def first_block(case: CaseView) -> Key:
 def _accuracy(cases: Sequence[CaseView]) -> str:
     keyed = [(case, first_block(case)) for case in cases]
     if len(cases) > FEW_CASES:
-        return _counted(keyed, "RMSE of each case's first block")
+        return _counted(keyed, "the RMSE of each case's first block")
     return _joined([_clause(case, key, "the smallest", f"RMSE of {key[1]}") for case, key in keyed])
 
 
@@ -53,7 +54,7 @@ def _cost(cases: Sequence[CaseView]) -> str:
     if not any(case.with_score(key) for case, key in keyed):
         return "No running times are stored."
     if len(cases) > FEW_CASES:
-        return _counted(keyed, "time of a step")
+        return _counted(keyed, "the time of a step")
     return _joined([_clause(case, key, "the shortest", "step") for case, key in keyed])
 
 
@@ -112,14 +113,16 @@ def _counted(keyed: Sequence[tuple[CaseView, Key]], thing: str) -> str:
         return f"By {thing}, no estimator can be said to lead in any of {count(len(keyed), 'case')}."
     leads = Counter(c.label for case, key in ranked for c in case.leaders(key)).most_common()
     alone = Counter(c.label for case, key in ranked for c in case.leaders(key) if c.standing[key] == BEST)
+    every = len(ranked) == len(keyed)
+    of = count(len(ranked), "case") if every else f"the {len(ranked)} of {len(keyed)} cases where anybody can be ranked"
     told = [f"{label} in {n}{f' (alone in {alone[label]})' if alone[label] else ''}" for label, n in leads[:MOST_NAMED]]
     others = sum(n == leads[MOST_NAMED - 1][1] for _, n in leads[MOST_NAMED:])
     also = f", and {count(others, 'other')} in as many" if others else ""
+    usual = statistics.median_high(len(case.leaders(key)) for case, key in ranked)
+    tied = f"in half of these cases {usual} or more estimators may be the best" if usual > 1 else ""
     ahead = sum(bool(case.ahead(key)) for case, key in keyed)
     left = f"in {count(ahead, 'case')} one that is not ranked, for its failures or faults, has a smaller value" if ahead else ""
-    every = len(ranked) == len(keyed)
-    of = count(len(ranked), "case") if every else f"the {len(ranked)} of {len(keyed)} cases where anybody can be ranked"
-    return f"By {thing}, in {of}, most often best or among the best: {'; '.join(filter(None, [listed(told) + also, left]))}."
+    return f"By {thing}, in {of}, most often among the best: {'; '.join(filter(None, [listed(told) + also, tied, left]))}."
 
 
 def behind(cases: Sequence[CaseView]) -> str:
@@ -143,18 +146,21 @@ def _robustness(cases: Sequence[CaseView]) -> str:
     wrong = [(case, cell, cell.lost + cell.failed) for case, cell in cells if cell.lost + cell.failed]
     away = [(case, cell, n) for case, cell in cells if (n := diverged(cell))]
     untold = sum(cell.total for case, cell in cells if not case.known)
-    refused = sum(cell.status == "refused" for _, cell in cells)
+    refused, idle = (sum(cell.status == status for _, cell in cells) for status in ("refused", "not run"))
     failed = f"{_share(sum(n for *_, n in wrong), 'failed or was lost', 'failed or were lost')}{_who(wrong)}"
     if untold == total:
         strayed = "; whether any diverged cannot be told, since the truth is not known"
     else:
         strayed = f" and {_share(sum(n for *_, n in away), 'diverged', 'diverged')}{_who(away)}"
         strayed += f"; whether {count(untold, 'run')} without a known truth diverged cannot be told" if untold else ""
-    tail = (
-        f"; {count(refused, 'combination')} of estimator and case {'is' if refused == 1 else 'are'} refused" if refused else ""
-    )
+    absent = [f"{n} {words}" for n, words in ((refused, f"{_were(refused)} refused"), (idle, f"{_were(idle)} not run")) if n]
+    tail = f"; of {count(len(cells), 'combination')} of estimator and case, {listed(absent)}" if absent else ""
     said = f"Of {count(total, 'run')}, {failed}{strayed}{tail}." if total else f"No run could be counted{tail}."
     return said + _faults([cell for _, cell in cells])
+
+
+def _were(n: int) -> str:
+    return "was" if n == 1 else "were"
 
 
 def _faults(cells: Sequence[CellView]) -> str:
@@ -206,8 +212,9 @@ def bounded(bounds: Sequence[tuple[BlockBound, Array, Array]]) -> str:
         percent = f"{100 * share:.1g}" if share < 0.095 else f"{100 * share:.0f}"
         wide = f", its standard error by Monte Carlo up to {percent} %" if share > 0.0005 else ""
         found.append(f" The {line} line without marks is the {name}{wide}.")
-    reasons = dict.fromkeys(bound.reason for bound, *_ in bounds if bound.reason and bound.kind != NONE)
-    return "".join(found) + "".join(f" {reason[:1].upper()}{reason[1:]}." for reason in reasons)
+    reasons = [bound.reason for bound, *_ in bounds if bound.reason and bound.kind != NONE]
+    told = "; ".join(dict.fromkeys(clause for reason in reasons for clause in reason.split("; ")))
+    return "".join(found) + (f" {told[:1].upper()}{told[1:]}." if told else "")
 
 
 def _share(n: int, one: str, many: str) -> str:

@@ -1,5 +1,6 @@
 """What figures over time draw, as plain arrays, and the order in which they name estimators."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,8 @@ BAND_POINTS = 100
 """Steps at which the interval over time is computed; the line itself has all steps."""
 SHOWN_FIRST = 8
 """Of many estimators a figure shows so many at first."""
+ALIKE = 1e-3
+"""Relative difference up to which two lines cannot be told apart."""
 
 
 @dataclass(frozen=True)
@@ -76,19 +79,23 @@ class Band:
 def ranked(case: CaseView) -> list[str]:
     """All labels, in the order in which figures name them, by the RMSE of the first block.
 
-    Those that are marked come first, then those that compete, then the others, each by their values but for rounding; last
-    those without a value.
+    Those that are marked come first, then those that compete, then the others, each by their values but for rounding; behind
+    them those whose value is that of one before, whose line it would hide; last those without a value.
     """
     key = first_block(case)
     metric = METRICS[key[0]]
     values = {cell.label: float(loss(metric, np.asarray(cell.scores[key].value))) for cell in case.with_score(key)}
     values = {label: round(value / ROUNDING) for label, value in values.items() if np.isfinite(value)}
 
-    def place(label: str) -> tuple[bool, bool, bool, float]:
+    def place(label: str) -> tuple[bool, bool, float]:
         cell = case.cells[label]
-        return label not in values, not cell.mark(key), not cell.competes(metric), values.get(label, 0)
+        return not cell.mark(key), not cell.competes(metric), values.get(label, 0)
 
-    return sorted(case.cells, key=place)
+    distinct: list[str] = []
+    for label in sorted(values, key=place):
+        if not any(math.isclose(values[label], values[other], rel_tol=ALIKE) for other in distinct):
+            distinct.append(label)
+    return sorted(case.cells, key=lambda label: (label not in values, label not in distinct, *place(label)))
 
 
 def first(labels: Sequence[str]) -> tuple[str, ...]:

@@ -58,15 +58,31 @@ def _cleaned(text: str, name: str, title: str, description: str) -> str:
     text = re.sub(r"<[^>]*>", lambda tag: re.sub(r"-?\d+\.\d{3,}", lambda m: f"{float(m[0]):.2f}", tag[0]), text)
     text = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font-size: \1px", text)
     text = re.sub(r" ?font-family: [^;\"]*;?", "", text)  # the page's own
+    text = re.sub(r' transform="rotate\(-0 [^"]*"', "", text)
+    text = re.sub(r"<defs>\s*<style[^>]*>.*?</style>\s*</defs>", "", text, flags=re.S)  # stands on the whole drawing
     text = re.sub(r"\n\s*", "\n", text)
+    text = re.sub(r"<g([^>]*)>\n((?:<(?:use|path)[^>]*/>\n){2,})</g>", _shared, text)
     head, _, rest = text.partition(">")
     size = re.search(r'viewBox="[^"]*"', head)
     opening = (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {size[0] if size else ""} '
-        f'role="img" aria-labelledby="{name}-title {name}-desc">'
+        f'stroke-linejoin="round" role="img" aria-labelledby="{name}-title {name}-desc">'
     )
     words = f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-desc">{escape(description)}</desc>'
     return opening + words + rest
+
+
+def _shared(group: re.Match[str]) -> str:
+    """A group that says by itself what all its members say alike; bare lines are one path."""
+    head, members = group[1], group[2]
+    for name in ("clip-path", "style"):
+        found = set(re.findall(rf' {name}="[^"]*"', members))
+        if len(found) == 1 and f" {name}=" not in head and members.count(f" {name}=") == members.count("\n"):
+            head, members = head + found.pop(), re.sub(rf' {name}="[^"]*"', "", members)
+    bare = re.findall(r'<path d="([^"]*)"/>\n', members)
+    if "fill: none" in head and len(bare) == members.count("\n"):
+        members = f'<path d="{" ".join(bare)}"/>\n'
+    return f"<g{head}>\n{members}</g>"
 
 
 def _shorter(path: str) -> str:

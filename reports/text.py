@@ -6,12 +6,16 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from markupsafe import Markup
+
 from suite.digits import grouped as grouped
 from suite.digits import number as number
 from suite.digits import power, with_ends
 from suite.digits import within as within
 from suite.metrics import Metric, Score
 
+NEGLIGIBLE = 1e-3
+"""So many times the value, and less, the lower end of the interval of a share is shown as 0."""
 _LARGER_UNITS = {"µs": ((1e6, "s"), (1e3, "ms"))}
 
 
@@ -28,6 +32,7 @@ def quantity(score: Score, metric: Metric) -> Quantity:
     """A score with the digits that its interval supports; rates in percent, long times in larger units."""
     scale, unit = _scale(score, metric)
     value, low, high = (x * scale for x in (score.value, score.low, score.high))
+    low = 0.0 if 0 < low < NEGLIGIBLE * value and high <= 1 and not metric.unit else low
     finite = [x for x in (value, low, high) if math.isfinite(x)]
     shown = with_ends(value, low, high)
     if score.runs == 0 or math.isnan(value):
@@ -55,7 +60,12 @@ def tick(x: float, _position: int = 0) -> str:
         return number(x)
     if 1e-4 < abs(x) < 1e5:
         return f"{x:.6g}".replace("-", "−")
-    mantissa, _, exponent = f"{x:.3g}".partition("e") if "e" in f"{x:.3g}" else f"{x:.2e}".partition("e")
+    return scientific(x)
+
+
+def scientific(x: float) -> str:
+    """A number other than zero with a power of ten: '2 × 10⁵', '10⁻⁴'."""
+    mantissa, _, exponent = f"{x:.2e}".partition("e")
     mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
     factor = "" if mantissa == "1" else f"{mantissa} × ".replace("-", "−")
     return f"{factor}10{power(int(exponent))}"
@@ -72,6 +82,11 @@ def listed(names: Iterable[str], most: int = 0) -> str:
 def count(n: int, one: str, many: str = "") -> str:
     """'1 run', '12 runs'."""
     return f"{grouped(n)} {one if n == 1 else many or one + 's'}"
+
+
+def breakable(name: str) -> Markup:
+    """A name that a line may break after its slashes."""
+    return Markup("/<wbr>").join(name.split("/"))
 
 
 def slug(name: str) -> str:

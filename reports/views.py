@@ -13,7 +13,7 @@ from reports.text import Quantity, quantity
 from suite.case import RECORDED
 from suite.diagnosis import Remark, barred, remarks
 from suite.metrics import METRICS, SURVIVING, Metric, Score
-from suite.plan import TIMING
+from suite.plan import PROFILES, TIMING
 from suite.published import Finding
 from suite.published import Key as FigureKey
 from suite.results import CaseResults, Cell
@@ -160,7 +160,7 @@ def _copied(case: CaseResults) -> CaseResults:
 def view(case: CaseResults, labels: Sequence[str]) -> CaseView:
     """What the pages show of a case, for the estimators `labels`."""
     ranked = standings(case, SHOWN)
-    cells = {label: _cell(case.cells.get(label), label) for label in labels}
+    cells = {label: _cell(case.cells.get(label), label, case.card) for label in labels}
     keys = _keys(case, cells)
     for key in keys:
         # With a single estimator that has a score there is nobody to be better than.
@@ -185,9 +185,9 @@ def _keys(case: CaseResults, cells: dict[str, CellView]) -> tuple[Key, ...]:
     return tuple(sorted(found, key=lambda k: (order.index(k[0]), place.get(k[1], len(place)), k[1])))
 
 
-def _cell(cell: Cell | None, label: str) -> CellView:
+def _cell(cell: Cell | None, label: str, card: Any) -> CellView:
     if cell is None:
-        return CellView(label, "not run", "this estimator was not run on this case")
+        return CellView(label, "not run", _not_run(label, card))
     state = status(cell)
     failures = tuple((kind, reason, tuple(tracebacks)) for kind, reason, tracebacks in cell.failures)
     if state["status"] == "not run" and failures:  # without a truth no run counts, but it was tried
@@ -205,6 +205,13 @@ def _cell(cell: Cell | None, label: str) -> CellView:
         cell.meta,
         tuple(remarks(cell)),
     )
+
+
+def _not_run(label: str, card: Any) -> str:
+    """Why there is nothing of an estimator, as far as it can be told: what has parameters of its own is always named."""
+    if "[" not in label and PROFILES["quick"].left_out(label, card):
+        return "the quick profile leaves it out for the time it takes; the profile whole runs it"
+    return "no run of it is stored"
 
 
 def _scores(cell: Cell, metrics: Any) -> dict[Key, Score]:

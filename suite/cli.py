@@ -263,16 +263,16 @@ def _report(options: argparse.Namespace) -> int:
             raise BadInput(f"--out {out} lies in the results folder {folder}; name a folder outside it")
     if len({folder.resolve() for folder in folders}) < len(folders):
         raise BadInput(f"--against {options.against} is the folder of the results themselves; name that of other results")
-    loaded = _load(options)
+    loaded = _load(options, required=False)
     against = _load(argparse.Namespace(**vars(options) | {"results": options.against})) if options.against else None
     inputs = Inputs(loaded, options.command_line, cases.FINDINGS, benchmarks.select(options.benchmarks, (), (), ()), against)
     print((build(inputs, out, options.jobs) / "index.html").resolve())
     return TROUBLE if loaded.damages or (against and against.damages) else DONE
 
 
-def _load(options: argparse.Namespace) -> results.Results:
+def _load(options: argparse.Namespace, required: bool = True) -> results.Results:
     loaded = results.load(options.results, list(cases.CASES), list(ESTIMATORS), options.seed)
-    if not loaded.entries and not loaded.damages:
+    if (required or options.seed is not None) and not loaded.entries and not loaded.damages:
         which = "" if options.seed is None else f" with seed {options.seed}"
         raise BadInput(
             f"no block{which} is finished yet in {options.results}; run `filterbench run --results {options.results}` first"

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from reports.frame import Frame
 from reports.marks import Mark, marks
@@ -138,9 +138,14 @@ def _groups(rows: Sequence[Row], looks: dict[str, Mark], place: int) -> Iterator
             list(dict.fromkeys(str(row["told"]["table"]) for row in newest if "table" in row["told"])),
             list(map(spaced, ratios)),
             [_line(row, label, ratios) for row, label in zip(newest, labels, strict=True)],
-            against(newest, labels, ratios, looks, name) if ratios else values(newest, labels, looks, name),
-            history(held, newest, labels, looks, f"{name}-history"),
+            _of(title, against(newest, labels, ratios, looks, name) if ratios else values(newest, labels, looks, name)),
+            _of(title, history(held, newest, labels, looks, f"{name}-history")),
         )
+
+
+def _of(group: str, plot: Plot | None) -> Plot | None:
+    """A figure that names its group: saved by itself it has no heading above it."""
+    return replace(plot, title=f"{plot.title}, {group}") if plot and group else plot
 
 
 def _line(row: Row, label: str, ratios: Sequence[str]) -> Line:

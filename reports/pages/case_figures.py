@@ -10,6 +10,9 @@ from reports.plots import calibration, cost, divergence, modes, over_time, plane
 from reports.plots.runs import Runs
 from reports.views import CaseView
 
+MOST_BLOCKS = 3
+"""State blocks whose errors a reader sees at once; those of the others are folded away."""
+
 
 @dataclass(frozen=True)
 class CaseFigures:
@@ -32,16 +35,16 @@ def case_figures(case: CaseView, marks: Mapping[str, Mark]) -> CaseFigures:
     card = case.card
     components = card.plane or (card.blocks[0].components if card.blocks else ())
     picked = runs.chosen(case.results, labels, components)
+    errors = list(over_time.errors(case, labels, marks))
     return CaseFigures(
-        list(_main(case, labels, marks, picked)),
+        [*errors[:MOST_BLOCKS], *_main(case, labels, marks, picked)],
         plane.figures(case, labels, marks, picked),
-        list(_more(case, labels, marks)),
+        [*errors[MOST_BLOCKS:], *_more(case, labels, marks)],
         runs.table(case, labels, picked),
     )
 
 
 def _main(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark], picked: Mapping[str, int]) -> Iterator[Plot]:
-    yield from over_time.errors(case, labels, marks)
     if case.card.blocks:
         yield from cost.latency(case, 0, labels, marks)
     yield from over_time.squares(case, "nees", labels, marks)

@@ -12,7 +12,7 @@ from reports.frame import Frame
 from reports.inputs import Inputs
 from reports.pages.sides import came_and_went, shared, sides, versions
 from reports.part import Part
-from reports.text import count, listed, number, quantity, within
+from reports.text import count, grouped, listed, number, quantity, within
 from reports.views import SHOWN, private
 from suite.case import RECORDED
 from suite.changes import IMPROVED, CaseChanges, Change, State, of_case, settled
@@ -26,11 +26,16 @@ from suite.tables import frame_of
 
 ALTOGETHER = ("inclination",)
 """Metrics of all runs together: a single run has no value, so that no test tells chance from change where runs are few."""
-COMPARED = [metric for metric in SHOWN if (metric.ranked or metric.binomial) and metric.name not in ALTOGETHER]
-"""Metrics by which a value can be better than another, and the rates of what went wrong."""
+COMPARED = [
+    metric
+    for metric in SHOWN
+    if (metric.ranked or metric.binomial) and metric.family != "bound" and metric.name not in ALTOGETHER
+]
+"""Metrics by which a value can be better than another, and the rates of what went wrong; not those against the bound, which
+change with it where the errors do not."""
 ORDER = (WORSE, IMPROVED, UNDECIDED, EQUAL, ONE_SAMPLE, NOTHING)
-MOST = 12
-"""Changes of each verdict on a case that the page shows, the largest first; its file has all."""
+MOST, FEW = 12, 3
+"""Changes of each verdict on a case that the page shows, of improved and worse and of the others; its file has all."""
 LEAST_P = 1e-4
 
 
@@ -170,10 +175,18 @@ def _summary(cases: Sequence[CaseChanges], changes: Sequence[Change]) -> list[st
     counts, same = Counter(change.verdict for change in changes), sum(sum(case.unchanged.values()) for case in cases)
     if not changes and not same:
         return ["No estimator has runs on both sides that can be compared."]
-    words = [f"{counts[IMPROVED]} improved", f"{counts[WORSE]} got worse", f"{counts[UNDECIDED]} are undecided"]
-    words += [f"{counts[EQUAL]} are equal within {100 * ZONE:g} %"] if counts[EQUAL] else []
-    words += [f"{counts[ONE_SAMPLE]} are of recordings, of which nothing is tested"] if counts[ONE_SAMPLE] else []
-    words += [f"{counts[NOTHING]} have no run in common"] if counts[NOTHING] else []
+    words = [
+        f"{grouped(counts[verdict])} {what}"
+        for verdict, what in (
+            (IMPROVED, "improved"),
+            (WORSE, "got worse"),
+            (UNDECIDED, "are undecided"),
+            (EQUAL, f"are equal within {100 * ZONE:g} %"),
+            (ONE_SAMPLE, "are of recordings and not tested"),
+            (NOTHING, "have no run in common"),
+        )
+        if counts[verdict] or verdict in (IMPROVED, WORSE, UNDECIDED)
+    ]
     said = [f"Of {count(len(changes) + same, 'score')} that both result sets hold, {listed([*words, _same(same)])}."]
     tests = sum(not math.isnan(change.p) for change in changes)
     if tests:
@@ -186,14 +199,14 @@ def _summary(cases: Sequence[CaseChanges], changes: Sequence[Change]) -> list[st
 
 
 def _same(n: int) -> str:
-    return f"{n} {'is' if n == 1 else 'are'} the same to the bit"
+    return f"{grouped(n)} {'is' if n == 1 else 'are'} the same to the bit"
 
 
 def _case_rows(case: CaseChanges, results: CaseResults) -> CaseRows:
     counts = Counter(change.verdict for change in case.changes)
     ordered = sorted(case.changes, key=lambda c: (ORDER.index(c.verdict), -c.size if c.size == c.size else 1.0))
     groups = [list(group) for _, group in itertools.groupby(ordered, lambda c: c.verdict)]
-    shown = [change for group in groups for change in group[:MOST]]
+    shown = [change for group in groups for change in group[: MOST if group[0].verdict in (WORSE, IMPROVED) else FEW]]
     seeds, runs = case.seeds, case.runs
     if case.paired:
         pairing = f"{count(case.common, 'run')} of the same truth and measurements before and after, compared run by run"

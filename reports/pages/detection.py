@@ -61,16 +61,18 @@ def _section(frame: Frame, case: CaseView) -> dict[str, Any]:
         "table": [(d.label, [_words(row) for row in d.points]) for d in case.detectors],
         "calm": [n for n in calm if n],
         "uncalibrated": [d.label for d in case.detectors if any(not row["calm_runs"] for row in d.points)],
+        "all": len(case.detectors),
         "pointless": [d.label for d in case.detectors if not d.points],
         "recorded": case.card.origin == RECORDED,
     }
 
 
 def _plots(case: CaseView, marks: Mapping[str, Mark], stem: str) -> Iterator[Plot]:
-    """The curves per manoeuvre and per scan, as far as any detector has one, and delay against false alarms."""
+    """The curves per manoeuvre, per scan where there are none, and delay against false alarms; the page of a case has all."""
     first = _first(case)
-    found = [curves.roc(case.detectors, kind, marks, f"roc-{kind}-{stem}", first) for kind in ("manoeuvre", "scan")]
-    for plot in [*found, curves.delay(case.detectors, marks, f"delay-{stem}", first)]:
+    kind = "manoeuvre" if any("manoeuvre" in each.curves for each in case.detectors) else "scan"
+    roc = curves.roc(case.detectors, kind, marks, f"roc-{kind}-{stem}", first)
+    for plot in (roc, curves.delay(case.detectors, marks, f"delay-{stem}", first)):
         if plot and plot.labels:
             yield dataclasses.replace(plot, title=f"{plot.title}, {case.card.name}")
 

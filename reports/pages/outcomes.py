@@ -171,8 +171,8 @@ def summary(of: Sequence[Outcome]) -> Summary:
     )
 
 
-def grouped_by_reason(of: Sequence[Outcome]) -> Iterator[tuple[str, list[str]]]:
-    """Why cases are refused, each reason once, with the names of the cases."""
-    refused = [one for one in of if one.cell.status == "refused"]
-    for reason in dict.fromkeys(one.cell.reason for one in refused):
-        yield reason, [one.case for one in refused if one.cell.reason == reason]
+def grouped_by_reason(of: Sequence[Outcome], status: str) -> Iterator[tuple[str, list[str]]]:
+    """Why cases are refused, or not run, each reason once, with the names of the cases."""
+    found = [one for one in of if one.cell.status == status]
+    for reason in dict.fromkeys(one.cell.reason for one in found):
+        yield reason, [one.case for one in found if one.cell.reason == reason]

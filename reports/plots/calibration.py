@@ -23,6 +23,8 @@ from suite.statistics import jackknife, means
 
 MOST_PANELS = 6
 """Components of the state that are drawn; the file has all."""
+MOST_OUTLINES = 4
+"""Estimators in a histogram; of more none could be followed."""
 LEVELS = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99])
 """Probabilities of the regions whose coverage is drawn."""
 EDGES = np.arange(BINS + 1) / BINS
@@ -31,7 +33,7 @@ EDGES = np.arange(BINS + 1) / BINS
 def histograms(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) -> Iterator[Plot]:
     """The histogram of the probability integral transform of each component, of the estimators that come first."""
     found: dict[str, dict[str, Array]] = {}
-    for label in labels[: series.SHOWN_FIRST]:
+    for label in labels[:MOST_OUTLINES]:
         for component, shares in _histograms(case.results.cells.get(label)).items():
             found.setdefault(component, {})[label] = shares
     if not found:
@@ -131,7 +133,7 @@ def coverage(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) -
         axes.set_xlim(0, 1)
         axes.set_ylim(0, 1.02)
         axes.set_xlabel(x)
-        axes.set_ylabel(y)
+        axes.set_ylabel("share inside")
         dress(axes)
         image = svg.inline(axes.figure, "fig-coverage", title, f"{y} over {x} of {', '.join(found)}")
     yield Plot("coverage", title, caption, image, list(found), columns, x, y)

@@ -20,9 +20,9 @@ from suite.linalg import Array
 from suite.metrics import METRICS, Score
 from suite.score import ROUNDING
 
-FARTHEST = 10.0
+FARTHEST = 5.0
 """So many times the median error of those that compete, or below it, the axis reaches."""
-MOST_TOLD = 8
+MOST_TOLD = 5
 """So many estimators are told one by one, more are counted."""
 COSTS = {"latency": "latency of a step (µs)", "throughput": "time of a run-step, several runs together (µs)"}
 
@@ -131,9 +131,11 @@ def _figure(
         columns.append(Column(head, [each[0] for each in ends], over=over))
         columns += [Column(f"{head}, {end}", [each[i] for each in ends], role=end) for i, end in ((1, "low"), (2, "high"))]
     shown = [p.label for p in found]
-    image = _draw(found, marks, f"fig-{name}", title, x, y)
+    image = _draw(found, marks, f"fig-{name}", title, x, with_unit("RMSE", unit))
     caption = _caption(found, x, y, unit)
-    yield Plot(name, title, caption, image, shown, columns, x, y, "xy", first=series.first(shown))
+    best = [p.label for p in front(found)]
+    leading = series.first([*best, *(label for label in shown if label not in best)])
+    yield Plot(name, title, caption, image, shown, columns, x, y, "xy", first=leading)
 
 
 def _caption(found: Sequence[Point], x: str, y: str, unit: str) -> str:
@@ -146,7 +148,7 @@ def _caption(found: Sequence[Point], x: str, y: str, unit: str) -> str:
         said += f" Beyond the axis: {listed(beyond, MOST_TOLD)}."
     barred = [p.label for p in found if not p.competes]
     if barred:
-        said += f" Hollow: {listed(barred)}; lost or failed runs, or a remark, keep {_them(barred)} from any place."
+        said += f" Hollow: {listed(barred, MOST_TOLD)}; lost or failed runs, or a remark, keep {_them(barred)} from any place."
     best = front(found)
     if len(found) - len(barred) < 2:
         return said
@@ -191,7 +193,7 @@ def _draw(found: Sequence[Point], marks: Mapping[str, Mark], name: str, title: s
             dot.set_gid(f"series-{mark.series}-point")
         _names(axes, [*best, *(p for p in found if p not in best)], found, marks)
         axes.set_xlabel(x)
-        axes.set_ylabel(short(y))
+        axes.set_ylabel(y)
         dress(axes)
         return svg.inline(axes.figure, name, title, f"{y} over {x} of {', '.join(p.label for p in found)}")
 
@@ -203,7 +205,7 @@ def _steps(axes: Axes, best: Sequence[Point]) -> None:
     axes.step(x, y, where="post", color=svg.INK, alpha=0.35, lw=2.2, zorder=0.8)
 
 
-SIGN, LINE = 6.1, 11.0
+SIGN, LINE = 6.6, 12.0
 """Width of a sign and height of a line of a name in a drawing, in points."""
 
 

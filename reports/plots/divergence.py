@@ -19,16 +19,15 @@ from suite.results import Cell
 from suite.statistics import proportion
 
 TITLE = "Share of runs that have diverged"
-NONE = "no counted run of any estimator diverged."
 
 
 def figures(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) -> Iterator[Plot]:
-    """The share of diverged runs over time of each estimator that ever does; nothing where the truth is not known."""
+    """The share of diverged runs over time of each estimator that ever does; nothing where none does or no truth is known."""
     cells = [case.results.cells[label] for label in labels if label in case.results.cells]
     found = {cell.label: share for cell in cells if (share := over_time(cell)) is not None}
-    if not found:
-        return
     ever = {label: share for label, share in found.items() if share[0, -1] > 0}
+    if not ever:
+        return
     rule, time = case.card.divergence, case.card.time
     block = case.card.block(rule.block)
     limit = f"its error of {rule.block} exceeds {rule.limit:g} {block.unit}".rstrip()
@@ -36,20 +35,17 @@ def figures(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) ->
     if not np.isfinite(rule.limit):
         caption = "The case sets no limit of the error: a run counts from the step at which the estimator loses it. "
     recorded = case.card.origin == RECORDED
-    if ever:
-        caption += "All runs are of the same data, so there is no interval. " if recorded else (
-            f"The shaded bands are exact binomial {PERCENT} intervals. "
-        )  # fmt: skip
+    same = "All runs are of the same data, so there is no interval."
+    caption += same if recorded else f"The shaded bands are exact binomial {PERCENT} intervals."
     never = len(found) - len(ever)
-    caption += f"Of {count(len(found), 'estimator')} {never or 'none'} never diverged{_no_line(never)}." if ever else ""
-    columns = [Column("time (s)", time)] if ever else []
+    caption += f" Of {count(len(found), 'estimator')} {never or 'none'} never diverged{_no_line(never)}."
+    columns = [Column("time (s)", time)]
     for label, (value, low, high) in ever.items():
         columns.append(Column(label, value, label))
         if not recorded:
             columns += [Column(f"{label}, low", low, label, "low"), Column(f"{label}, high", high, label, "high")]
-    image = _draw(time, ever, marks, recorded) if ever else None
-    first = series.first(list(ever))
-    yield Plot("divergence", TITLE, caption, image, list(ever), columns, y="share of runs", first=first, nothing=NONE)
+    image, first = _draw(time, ever, marks, recorded), series.first(list(ever))
+    yield Plot("divergence", TITLE, caption, image, list(ever), columns, y="share of runs", first=first)
 
 
 def _no_line(never: int) -> str:

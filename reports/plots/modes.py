@@ -18,6 +18,8 @@ from suite.linalg import Array
 
 MOST_PANELS = 8
 """Modes that are drawn."""
+MOST_TOLD = 5
+"""So many estimators without probabilities are told one by one, more are counted."""
 TITLE = "Mode probabilities over time"
 
 
@@ -42,7 +44,7 @@ def figures(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark], pi
     )
     without = [label for label, cell in results.cells.items() if cell.runs and label not in found]
     if without:
-        caption += f" Without any in this run: {listed(without)}."
+        caption += f" Without any in this run: {listed(without, MOST_TOLD)}."
     if len(names) > MOST_PANELS:
         caption += f" Drawn are {listed(names[:MOST_PANELS])}; the CSV file has all {len(names)}."
     columns = [Column("time (s)", time), Column("mode in force", [names[int(m)] for m in mode])]

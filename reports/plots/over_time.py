@@ -10,7 +10,7 @@ from reports.figures import Axis, value_axis
 from reports.marks import Mark
 from reports.plot import Column, Plot
 from reports.sentences import bound_name, bounded
-from reports.series import SHOWN_FIRST, Band, Series
+from reports.series import ALIKE, SHOWN_FIRST, Band, Series
 from reports.text import count, listed, number
 from reports.views import PERCENT, CaseView
 from suite.bounds import NONE
@@ -19,8 +19,10 @@ from suite.case_bounds import BlockBound
 from suite.linalg import Array
 from suite.metrics import METRICS
 
-MOST_TOLD = 6
-"""So many estimators are told one by one, more are counted."""
+MOST_TOLD = 3
+"""So many estimators beyond an axis are told one by one, more are counted."""
+MOST_ALIKE = 5
+"""So many estimators are named whose lines lie on top of each other, more are counted."""
 
 
 def errors(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) -> Iterator[Plot]:
@@ -108,7 +110,7 @@ def _plot(
     caption = f"{title[: -len(' over time')]}{''.join(unit[1:])} against time (s), " + (
         f"over {count(runs.pop(), 'run')} of each estimator." if len(runs) == 1 else "over the runs of each that came through."
     )
-    some = ", drawn for the first of the legend; the CSV file has all" if len(shown) > SHOWN_FIRST else ""
+    some = f", of the first {SHOWN_FIRST} of the legend; the CSV file has all" if len(shown) > SHOWN_FIRST else ""
     caption += f" The shaded bands are {PERCENT} intervals over runs{some}." if any(s.runs > 1 for s in shown) else ""
     if lines:
         caption += said + _rounding(lines, unit[2].rstrip(")"))
@@ -161,11 +163,8 @@ def _hidden(lines: Sequence[Series]) -> str:
     lacking = Counter(line.hidden for line in lines if line.hidden)
     if len(lines) > 1 and lacking == {lines[0].hidden: len(lines)}:
         return f" {count(lines[0].hidden, 'step')} of {len(lines[0].value)} without a finite value, not drawn."
-    told = ""
-    for n in lacking:
-        names = listed([line.label for line in lines if line.hidden == n])
-        told += f" {names}: {count(n, 'step')} of {len(lines[0].value)} without a finite value, not drawn."
-    return told
+    told = [f"{listed([s.label for s in lines if s.hidden == n])} at {count(n, 'step')}" for n in lacking]
+    return f" Of {count(len(lines[0].value), 'step')} without a finite value, not drawn: {'; '.join(told)}." if told else ""
 
 
 def _same(lines: Sequence[Series]) -> str:
@@ -177,9 +176,9 @@ def _same(lines: Sequence[Series]) -> str:
             groups.append([line])
         else:
             home.append(line)
-    alike = [listed([s.label for s in g]) for g in groups if len(g) > 1]
-    return "".join(f" The lines of {names} lie on top of each other." for names in alike)
+    alike = [listed([s.label for s in g], MOST_ALIKE) for g in groups if len(g) > 1]
+    return f" The lines of {'; those of '.join(alike)} lie on top of each other." if alike else ""
 
 
 def _close(a: Series, b: Series) -> bool:
-    return len(a.value) == len(b.value) and np.allclose(a.value, b.value, rtol=1e-3, atol=0.0, equal_nan=True)
+    return len(a.value) == len(b.value) and np.allclose(a.value, b.value, rtol=ALIKE, atol=0.0, equal_nan=True)

@@ -20,7 +20,7 @@ from suite.results import CaseResults
 
 WIDER = 0.3
 """Part of its size by which a picture is widened on each side at most, for estimates beside the truth."""
-MOST_TOLD = 8
+MOST_TOLD = 4
 """So many estimators are told one by one, more are counted."""
 
 
@@ -168,7 +168,8 @@ def frame(places: Array, sites: Array) -> tuple[Array, Array]:
     """Corners of the part of the plane to show: places [2, S] and sites [2, L], with room about them."""
     points = np.concatenate([places, sites], axis=1) if sites.size else places
     low, high = points.min(1), points.max(1)
-    size = max(float((high - low).max()), 1e-9 * float(np.abs(points).max()), 1e-9)
+    extent, away = float((high - low).max()), float(np.abs(points).max())
+    size = extent if extent > 1e-9 * max(away, 1.0) else 1e-3 * max(away, 1.0)
     centre, half = (low + high) / 2, np.maximum((high - low) / 2, 0.15 * size) + 0.07 * size
     return centre - half, centre + half
 

@@ -8,6 +8,7 @@ const exporting = (() => {
   const [TITLE, TEXT, GAP] = [13, 11, 6]; // sizes in points of the drawing
 
   const visible = (element) => element.getClientRects().length > 0;
+  const headOf = (figure) => document.getElementById(figure.getAttribute("aria-labelledby")).textContent;
 
   function save(name, address) {
     const link = document.createElement("a");
@@ -67,8 +68,7 @@ const exporting = (() => {
     const parts = [];
     let y = GAP;
 
-    const title = figure.querySelector("h2, h3, h4").textContent;
-    for (const line of folded(title, width - 2 * GAP, `bold ${TITLE}px`)) {
+    for (const line of folded(headOf(figure), width - 2 * GAP, `bold ${TITLE}px`)) {
       y += TITLE;
       parts.push(node("text", { x: GAP, y, "font-size": TITLE, "font-weight": "bold" }, line));
       y += GAP / 2;
@@ -186,7 +186,7 @@ const exporting = (() => {
   for (const figure of document.querySelectorAll("figure")) {
     const place = figure.querySelector(".take[data-file]");
     if (!place) continue;
-    const [title, name] = [figure.querySelector("h2, h3, h4").textContent, place.dataset.file];
+    const [title, name] = [headOf(figure), place.dataset.file];
     place.append(" ", button("SVG", title, () => saveSvg(figure, name)), " ", button("PNG", title, () => savePng(figure, name)));
   }
   [...document.querySelectorAll("main table")].filter((table) => !table.closest("figure")).forEach((table, i) => {

@@ -1,7 +1,8 @@
 // Legends of figures, which highlight and hide series, and figures to take along as SVG and PNG.
 //
 // The address says hide=<names>, the series that were hidden, and with=<names>, those shown beyond the first ones of a figure
-// with many, or with=all. Both hold for all figures of a page. Without scripts every series is shown.
+// with many, or with=all. Both hold for all figures of a page; series that are not shown are folded away in the legends of such
+// figures. Without scripts every series is shown.
 "use strict";
 
 const legends = () => {
@@ -59,11 +60,19 @@ const legends = () => {
     }
     const tools = document.createElement("p");
     tools.className = "tools";
-    const later = figure.querySelector("[data-later]");
+    const key = figure.querySelector(".key");
+    const later = key.querySelectorAll("[data-later]").length;
     const all = button("Show all", () => choose({ hide: null, with: document.querySelector("[data-later]") ? "all" : null }));
     all.dataset.all = "";
-    tools.append(all, ...(later ? [button("Only the first ones", () => choose({ hide: null, with: null }))] : []));
-    figure.querySelector(".key").after(tools);
+    tools.append(all);
+    if (later) {
+      const more = button(`Choose from ${later} more`, () => more.setAttribute("aria-expanded", !key.classList.toggle("folded")));
+      more.setAttribute("aria-expanded", "false");
+      key.classList.add("folded");
+      tools.prepend(more);
+      tools.append(button("Only the first ones", () => choose({ hide: null, with: null })));
+    }
+    key.after(tools);
   }
 
   figures.forEach(dress);

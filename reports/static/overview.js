@@ -257,7 +257,8 @@ const overview = (() => {
     return [...lines, ...said[row.number][head.number].map((i) => texts[i])];
   }
 
-  const short = (x) => (x === Infinity ? "infinitely many" : x < 100 ? x.toPrecision(3) : Math.round(x).toString());
+  // Ratios have no interval of their own: two digits, no more.
+  const short = (x) => (x === Infinity ? "infinitely many" : `about ${x < 10 ? x.toPrecision(2) : Number(x.toPrecision(2))}`);
 
   tooltip(table, (link) => {
     const td = link.closest("td");

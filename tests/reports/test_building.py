@@ -92,9 +92,9 @@ def test_an_interrupted_build_is_taken_up_where_it_stopped(written, tmp_path, mo
         build(written.load(), out)
     monkeypatch.undo()
     before = made_at(out)
-    assert f"case-{parts[0]}.html" in before
+    assert parts[0] in before
     build(written.load(), out)
-    assert f"case-{parts[0]}.html" not in touched(out, before)
+    assert parts[0] not in touched(out, before)
     assert "case-one.html" in made_at(out)
     assert "case-two.html" in made_at(out)
 

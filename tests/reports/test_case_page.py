@@ -86,7 +86,7 @@ def test_errors_that_are_rounding_are_called_so_and_neither_ranked_nor_compared(
     estimators = [noisy("sharp", 1.0), noisy("blunt", 30.0)]
     written = Written(tmp_path / "r").add([small_case("easy", generate=far)], estimators, runs=6)
     shown = view(private(written.load().cases["easy"]), ["sharp", "blunt"])
-    assert shown.cells["sharp"].mark(("rmse", "position"))
+    assert not shown.cells["sharp"].mark(("rmse", "position"))
     table = scores.first(shown)
     for cell, entries in table.rows:
         position, velocity = entries[:2]
@@ -102,7 +102,7 @@ def test_the_limit_of_rounding_is_that_of_the_block(shown):
     """A part in a thousand million of the largest value of each component, together."""
     largest = np.abs(np.concatenate([truth.x for truth in shown.results.truth_of.values()])).max(0)
     for name, at in (("position", [0, 2]), ("velocity", [1, 3])):
-        assert scores.negligible(shown)[name] == pytest.approx(1e-9 * math.sqrt((largest[at] ** 2).sum()))
+        assert shown.rounding[name] == pytest.approx(1e-9 * math.sqrt((largest[at] ** 2).sum()))
 
 
 def test_refused_ones_stand_below_the_table_by_their_reason(page):
@@ -117,7 +117,7 @@ def test_those_not_run_are_named_below_the_table(loaded, folder, tmp_path):
     Written(folder.parent / "more").add([small_case("easy")], [Scripted("first")], runs=2)
     other = results.load(folder.parent / "more")
     made = case.files(Frame.of(loaded), other.cases["easy"], {})["case-easy.html"]
-    assert "Not run : same , sharp , blunt , nearly , frail , choosy , picky ." in plain(made)
+    assert "Not run (no run of it is stored): same , sharp , blunt , nearly , frail , choosy , picky ." in plain(made)
     assert made.count('id="sharp"') == 1
 
 

@@ -101,6 +101,12 @@ def test_the_caption_names_the_front_and_who_else_may_be_on_it(drawn):
     assert "Every other one that competes is beaten in both by one whose intervals are apart from its own." in plot.caption
 
 
+def test_of_many_estimators_those_of_the_front_are_shown_at_first(drawn):
+    plot = drawn(*(cell(str(i), 2 + i, 9) for i in range(9)), cell("cheap", 30, 1))
+    assert plot.labels[-1] == "cheap"
+    assert set(plot.first) == {"cheap", *map(str, range(7))}
+
+
 def test_without_intervals_nothing_is_excluded(drawn):
     alone = cell("a", 1, 1)
     alone.scores["rmse", "position"] = Score(1.0, math.nan, math.nan, "m", 1, 1)

@@ -6,6 +6,8 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
+from reports import svg
+from reports.canvas import axes_of, drawing
 from reports.figures import extremes, over_time, value_axis
 from reports.formula import mathml, prose
 from reports.marks import COLOURS, DASHES, marks
@@ -40,6 +42,22 @@ def test_a_wide_range_has_a_logarithmic_axis():
     assert "2000" in texts(draw(series("a", [900, 1500, 2000]), series("b", [1000, 900, 2000])))
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "some"),
+    [
+        (1e-4, 1e-1, ["0.0001", "0.001", "0.01"]),
+        (1e-6, 1e1, ["10⁻⁴", "10⁻²", "10⁰"]),
+        (1e3, 9e4, ["1000", "10000"]),
+        (1e3, 9e5, ["10⁴", "10⁵"]),
+    ],
+)
+def test_the_numbers_at_the_ticks_of_an_axis_are_all_plain_or_all_with_powers(low, high, some):
+    found = texts(draw(series("a", np.geomspace(low, high, 9))))
+    numbers = [text for text in found if re.fullmatch(r"[\d.]+( × )?[\d⁰¹²³⁴⁵⁶⁷⁸⁹⁻.]*", text)][10:]
+    assert set(some) <= set(found)
+    assert all(("10" in text and text[-1] in "⁰¹²³⁴⁵⁶⁷⁸⁹") == (some[0][-1] in "⁰¹²³⁴⁵⁶⁷⁸⁹") for text in numbers)
+
+
 def test_one_line_far_above_the_others_leaves_the_axis_and_is_told():
     near, far = [series(f"n{i}", [1, 2, 2]) for i in range(3)], series("far", [1, 700, 8000])
     axis = value_axis([*near, far])
@@ -63,9 +81,9 @@ def test_an_axis_holds_all_lines_that_are_not_far_apart():
 
 
 def test_an_axis_suits_the_lines_that_are_shown_at_first():
-    """Those behind the eighth widen it to twice what these need at most."""
+    """Those behind the eighth widen it to half as much again as these need at most."""
     leading = [series(f"n{i}", [1, 2, 2]) for i in range(8)]
-    assert value_axis([*leading, series("last", [1, 1, 3.9])]).high > 3.9
+    assert value_axis([*leading, series("last", [1, 1, 2.9])]).high > 2.9
     assert value_axis([*leading, series("last", [1, 1, 20])]).high < 3
 
 
@@ -173,3 +191,18 @@ def test_words_in_backticks_are_code_and_lead_to_their_case():
     made = prose("see `a/b`, `<i>` and x", {"a/b": "case-a-b.html"})
     assert made == 'see <a href="case-a-b.html"><code>a/b</code></a>, <code>&lt;i&gt;</code> and x'
     assert prose("a ` <b>", {}) == "a ` &lt;b&gt;"
+
+
+def test_lines_of_a_group_that_look_alike_are_one_path_and_marks_say_their_look_once():
+    with drawing():
+        axes = axes_of()
+        axes.hlines([1.0, 2.0, 3.0], 0.0, [1.0, 2.0, 3.0], colors=svg.colour(1)).set_gid("series-0-whiskers")
+        axes.plot([1.0, 2.0], [1.0, 2.0], "o", color=svg.colour(2))[0].set_gid("series-1-dots")
+        found = svg.inline(axes.figure, "fig-x", "Title", "Words")
+    lines, marks = (re.search(rf'<g class="series" data-series="{n}".*?</g>', found, re.S)[0] for n in (0, 1))
+    (path,) = re.findall(r' d="([^"]*)"', lines)
+    assert len(re.findall(r"M [\d.]+ [\d.]+ L [\d.]+ [\d.]+", path)) == 3
+    assert lines.count("var(--s1)") == 1
+    assert len(re.findall(r"<use [^>]*/>", marks)) == 2
+    assert marks.count("fill: var(--s2)") == 1
+    assert "<style" not in found

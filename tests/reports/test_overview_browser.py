@@ -194,7 +194,7 @@ def test_a_cell_says_its_reason_on_focus_and_on_hover_and_escape_hides_it(visit)
     lines = tip.inner_text().split("\n")
     assert lines[0] == "shifted on easy/one"
     assert re.fullmatch(r"RMSE, position: 4\d m \(95 % interval \d\d to \d\d\)", lines[1])
-    assert re.fullmatch(r"\d\.\d\d times the row's smallest; \d\.\d\d times the bound", lines[2])
+    assert re.fullmatch(r"about \d\.\d times the row's smallest; about \d\.\d times the bound", lines[2])
     assert any(line.startswith("optimistic: squared errors") for line in lines)
     box = tip.bounding_box()
     assert box["x"] >= 0

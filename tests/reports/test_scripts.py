@@ -54,14 +54,14 @@ def test_a_series_that_is_hidden_is_hidden_in_all_figures_and_in_the_address(vis
 
 def test_the_legend_works_by_keyboard_and_highlights_what_has_the_focus(visit):
     page = visit(PAGE)
-    entry(page, "#rmse-0", "twin").focus()
+    entry(page, "#rmse-0", "plain").focus()
     dim = page.locator("#rmse-0 .series.dim")
-    key = page.locator('#rmse-0 [data-name="twin"]').get_attribute("data-key")
+    key = page.locator('#rmse-0 [data-name="plain"]').get_attribute("data-key")
     assert dim.count() == page.locator(f'#rmse-0 .series:not([data-series="{key}"])').count() > 0
     page.keyboard.press("Space")
-    assert "twin" not in shown(page, "#rmse-0")
+    assert "plain" not in shown(page, "#rmse-0")
     page.keyboard.press("Enter")
-    assert "twin" in shown(page, "#rmse-0")
+    assert "plain" in shown(page, "#rmse-0")
     page.keyboard.press("Tab")
     assert page.locator(f'#rmse-0 .series.dim[data-series="{key}"]').count() > 0
     page.locator("h1").hover()
@@ -77,6 +77,8 @@ def test_only_the_first_of_many_series_are_shown_until_all_are_asked_for(visit, 
     first = shown(page, "#rmse-0")
     assert "twin" not in first
     assert "plain" in first
+    assert not entry(page, "#rmse-0", "twin").is_visible()
+    page.locator("#rmse-0").get_by_role("button", name="Choose from 1 more").click()
     entry(page, "#rmse-0", "twin").click()
     assert page.url.endswith("#with=twin")
     assert "twin" in shown(page, "#rmse-0")

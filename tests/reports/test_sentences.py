@@ -54,7 +54,7 @@ def test_what_went_wrong_is_counted_and_placed(tools, tmp_path):
     _, runs, _ = sentences(tools.written(tmp_path / "r").add([tools.case()], estimators).load())
     assert runs == (
         "Of 8 runs, 6 failed or were lost (broken on easy, 4 of 4; lost on easy, 2 of 4) "
-        "and 2 diverged (lost on easy, 2 of 4); 1 combination of estimator and case is refused."
+        "and 2 diverged (lost on easy, 2 of 4); of 3 combinations of estimator and case, 1 was refused."
     )
 
 
@@ -70,19 +70,19 @@ def test_many_cases_are_counted(tools, tmp_path):
     loaded = tools.written(tmp_path / "r").add(cases, estimators, runs=3).load()
     accuracy, _, cost = sentences(loaded)
     assert accuracy == (
-        "By RMSE of each case's first block, in 5 cases, most often best or among the best: "
-        "near in 5, twin in 5 and third in 5, and 1 other in as many."
+        "By the RMSE of each case's first block, in 5 cases, most often among the best: near in 5, twin in 5 and third in 5, "
+        "and 1 other in as many; in half of these cases 4 or more estimators may be the best."
     )
-    assert cost == "By time of a step, in 5 cases, most often best or among the best: near in 5 (alone in 5)."
+    assert cost == "By the time of a step, in 5 cases, most often among the best: near in 5 (alone in 5)."
     shown = [view(private(case), loaded.labels) for case in loaded.cases.values()]
     for label in ("near", "twin"):
         shown[0].cells[label].standing["latency", "step"] = TIED
-    assert headline(shown)[2].endswith("most often best or among the best: near in 5 (alone in 4) and twin in 1.")
+    assert headline(shown)[2].endswith("most often among the best: near in 5 (alone in 4) and twin in 1.")
     recorded = loaded.cases["case 4"]
     recorded.card = dataclasses.replace(recorded.card, origin=RECORDED)
     accuracy, _, _ = sentences(loaded)
     assert accuracy.startswith(
-        "By RMSE of each case's first block, in the 4 of 5 cases where anybody can be ranked, most often"
+        "By the RMSE of each case's first block, in the 4 of 5 cases where anybody can be ranked, most often"
     )
 
 
@@ -169,3 +169,15 @@ def test_where_there_is_no_bound_no_column_has_its_name(tools, tmp_path, monkeyp
     page = rendered(loaded)["case-easy.html"]
     assert page.count("There is no bound: no noise.") == 4  # below two figures, above the first table and that of the family
     assert not re.search("<th[^>]*>[^<]*bound", page)
+
+
+def test_what_the_quick_profile_leaves_out_is_said_to_be_so_and_nothing_else_is(variety):
+    long = dataclasses.replace(variety.cases["lonely"].card, steps=201)
+    short = dataclasses.replace(long, steps=200)
+    labels = ["ukf", "sis", "sis[particles=9]", "plain"]
+    told = {}
+    for card in (long, short):
+        case = dataclasses.replace(variety.cases["lonely"], card=card)
+        told[card.steps] = [cell.reason for label, cell in view(case, labels).cells.items() if label != "plain"]
+    left = "the quick profile leaves it out for the time it takes; the profile whole runs it"
+    assert told == {201: ["no run of it is stored", left, "no run of it is stored"], 200: ["no run of it is stored"] * 3}

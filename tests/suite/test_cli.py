@@ -96,10 +96,18 @@ def test_a_folder_without_results(cli, tmp_path, command):
     assert not (tmp_path / "none").exists()
 
 
-@pytest.mark.parametrize("command", ["score", "report"])
-def test_results_without_a_finished_block(cli, tmp_path, command):
+def test_a_report_of_no_finished_block_says_so(cli, tmp_path):
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "_filterbench.json").write_text('{"format": 1}')
+    arguments = ("report", "--results", tmp_path / "results", "--out", tmp_path / "site", "--jobs", 1)
+    assert cli(*arguments).code == 0
+    assert "there is nothing to compare yet" in (tmp_path / "site" / "index.html").read_text(encoding="utf-8")
+    assert cli(*arguments, "--seed", 4).code == 2
+
+
+def test_results_without_a_finished_block(cli, tmp_path):
     (tmp_path / "_filterbench.json").write_text('{"format": 1}')
-    said = cli(command, "--results", tmp_path)
+    said = cli("score", "--results", tmp_path)
     assert said.code == 2
     assert said.errors == [
         f"filterbench: no block is finished yet in {tmp_path}; run `filterbench run --results {tmp_path}` first"

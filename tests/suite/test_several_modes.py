@@ -81,7 +81,7 @@ def test_scores_and_pages_say_who_was_told_the_nominal_mode(tiny, cli, tmp_path)
     assert overview.count("told the nominal mode, straight, alone") >= 1
     (page,) = (p.read_text() for p in (tmp_path / "site").rglob("*jump*.html"))
     assert re.findall(
-        r'class="name">(\S+?)</span>(?:(?!class="name").)*?<span class="under">told the mode straight alone', page, re.S
+        r'<th scope="row">(?:(?!</th>).)*?>([^<>\s]+)</a>(?:(?!</th>).)*told the mode straight alone', page, re.S
     ) == ["kalman"]
     assert "straight (nominal), manoeuvre" in page
     assert "Brier score of the mode probabilities over time" in page

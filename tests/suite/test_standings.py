@@ -42,7 +42,7 @@ def marked(name, contributions, runs=None):
     """Marks by the number of the estimator."""
     metric, block = METRICS[name], BLOCKS.get(name, "position")
     cells = {i: Given(metric, block, values, runs and runs[i]) for i, values in enumerate(contributions)}
-    return standings(SimpleNamespace(card=CARD, cells=cells), [metric]).get((name, block), {})
+    return standings(SimpleNamespace(card=CARD, cells=cells, rounding={}), [metric]).get((name, block), {})
 
 
 def correlated(rng, rivals, runs, steps=4):
