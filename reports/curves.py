@@ -48,7 +48,7 @@ def roc(detectors: Sequence[Detector], kind: str, marks: Mapping[str, Mark], nam
     image = _roc(curves, marks, f"fig-{name}", title) if curves else None
     if image and _smallest(curves) < NEAR:
         caption += " On the right the same with small false-alarm rates spread out."
-    return Plot(name, title, caption, image, list(curves), columns if curves else [], x, y, first=first)
+    return Plot(name, title, caption, image, list(curves), columns if curves else [], x, y, first=first, metrics=["auc"])
 
 
 def _padded(values: Sequence[float], like: Column) -> Array:
@@ -124,7 +124,7 @@ def delay(detectors: Sequence[Detector], marks: Mapping[str, Mark], name: str, f
     lacking = [each.label for each in detectors if each.label not in labels]
     caption += f" Without a point: {listed(lacking)}." if lacking else ""
     image = _delay(usable, labels, marks, f"fig-{name}", title)
-    return Plot(name, title, caption, image, labels, columns, x, y, "x", first=first)
+    return Plot(name, title, caption, image, labels, columns, x, y, "x", first=first, metrics=["detection-delay"])
 
 
 def _levels(rows: Sequence[Mapping[str, float]]) -> list[float]:

@@ -10,6 +10,7 @@ from reports.formula import mathml, prose
 from reports.marks import Mark, marks
 from reports.text import breakable, count, grouped, listed, slugs
 from reports.views import PERCENT
+from suite.metrics import METRICS
 from suite.results import Results
 
 SECTIONS = {
@@ -58,6 +59,7 @@ class Frame:
             "grouped": grouped,
             "prose": prose,
             "mathml": mathml,
+            "metrics_of": METRICS,
             "sections": SECTIONS,
         }
         return _environment().get_template(f"{template}.html.j2").render(shared | context)

@@ -36,7 +36,8 @@ class Plot:
 
     The first column is the abscissa, or names points. x, y: titles of the axes with their units; log: which of them are
     logarithmic ("", "x", "y", "xy"). whole: the rows in which nothing is left out, where that is not all of them. first: those
-    of many estimators that are shown at first; all where it is empty. nothing: why there is nothing to draw.
+    of many estimators that are shown at first; all where it is empty. nothing: why there is nothing to draw. metrics: names of
+    those whose formulas stand below it.
     """
 
     id: str
@@ -51,6 +52,7 @@ class Plot:
     whole: Sequence[int] = ()
     first: Sequence[str] = ()
     nothing: str = ""
+    metrics: Sequence[str] = ()
 
     @property
     def header(self) -> list[str]:

@@ -101,6 +101,7 @@ def errors(frame: Frame, label: str, of: Sequence[Outcome]) -> Plot:
         "case",
         axis,
         "y",
+        metrics=["crlb-ratio"],
     )
 
 
@@ -157,6 +158,7 @@ def cost(frame: Frame, label: str, of: Sequence[Outcome]) -> Plot:
         "case",
         axis,
         "y",
+        metrics=["latency", "throughput"],
     )
 
 

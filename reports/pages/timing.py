@@ -136,4 +136,4 @@ def _plot(labels: Sequence[str], marks: Mapping[str, Mark], timed: Sequence[Time
     spread = "" if figure == "memory" else f" Bars: {PERCENT} intervals."
     caption = f"{title}: each dot is one of {count(len(names), 'case')}, each row an estimator.{spread} {words}"
     drawing = dots(rows, shown, f"fig-{name}", title, axis)
-    return Plot(name, title, caption, drawing, (), columns, "case", axis, "y")
+    return Plot(name, title, caption, drawing, (), columns, "case", axis, "y", metrics=[metric])

@@ -58,7 +58,8 @@ def histograms(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark])
             columns.append(Column(head, value, label))
             columns += [Column(f"{head}, low", low, label, "low"), Column(f"{head}, high", high, label, "high")]
     image = _draw({name: found[name] for name in shown}, marks, names, title)
-    yield Plot("pit", title, caption, image, names, columns, "tenths of the filter's Gaussian", "share of steps")
+    x, y = "tenths of the filter's Gaussian", "share of steps"
+    yield Plot("pit", title, caption, image, names, columns, x, y, metrics=["pit"])
 
 
 def _intervals(case: CaseView) -> str:
@@ -136,7 +137,7 @@ def coverage(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) -
         axes.set_ylabel("share inside")
         dress(axes)
         image = svg.inline(axes.figure, "fig-coverage", title, f"{y} over {x} of {', '.join(found)}")
-    yield Plot("coverage", title, caption, image, list(found), columns, x, y)
+    yield Plot("coverage", title, caption, image, list(found), columns, x, y, metrics=["coverage-95"])
 
 
 def _coverage(cell: Cell) -> Array | None:

@@ -135,7 +135,7 @@ def _figure(
     caption = _caption(found, x, y, unit)
     best = [p.label for p in front(found)]
     leading = series.first([*best, *(label for label in shown if label not in best)])
-    yield Plot(name, title, caption, image, shown, columns, x, y, "xy", first=leading)
+    yield Plot(name, title, caption, image, shown, columns, x, y, "xy", first=leading, metrics=["rmse", cost])
 
 
 def _caption(found: Sequence[Point], x: str, y: str, unit: str) -> str:

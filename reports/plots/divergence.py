@@ -45,7 +45,7 @@ def figures(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) ->
         if not recorded:
             columns += [Column(f"{label}, low", low, label, "low"), Column(f"{label}, high", high, label, "high")]
     image, first = _draw(time, ever, marks, recorded), series.first(list(ever))
-    yield Plot("divergence", TITLE, caption, image, list(ever), columns, y="share of runs", first=first)
+    yield Plot("divergence", TITLE, caption, image, list(ever), columns, y="share of runs", first=first, metrics=["divergence"])
 
 
 def _no_line(never: int) -> str:

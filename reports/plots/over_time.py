@@ -34,7 +34,7 @@ def errors(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) -> 
         bounds = [(bound, bound.value[:, i], bound.error[:, i]) for bound in results.bounds]
         if not _unknown(lines):
             axis = with_unit("RMSE", block.unit)
-            yield _plot(lines, marks, f"rmse-{i}", f"RMSE of {block.name} over time", axis, bounds=bounds)
+            yield _plot(lines, marks, f"rmse-{i}", f"RMSE of {block.name} over time", axis, "rmse", bounds=bounds)
 
 
 def ratios(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) -> Iterator[Plot]:
@@ -46,7 +46,7 @@ def ratios(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) -> 
         if block.name in found and not _unknown(found[block.name]):
             title = f"Ratio of the RMSE of {block.name} to the Cramér-Rao bound over time"
             said = " The dotted line is 1: errors at the bound. Over finitely many runs they may fall below it by chance."
-            yield _plot(found[block.name], marks, f"ratio-{i}", title, "RMSE / bound", 1.0, said)
+            yield _plot(found[block.name], marks, f"ratio-{i}", title, "RMSE / bound", "crlb-ratio", 1.0, said)
 
 
 def squares(case: CaseView, name: str, labels: Sequence[str], marks: Mapping[str, Mark]) -> Iterator[Plot]:
@@ -63,7 +63,7 @@ def squares(case: CaseView, name: str, labels: Sequence[str], marks: Mapping[str
     band = series.band(results, METRICS[name], labels)
     said = f" The dotted line is 1, where {what} are as large as the filter says."
     if band is None:
-        yield _plot(lines, marks, name, title, name.upper(), 1.0, said)
+        yield _plot(lines, marks, name, title, name.upper(), name, 1.0, said)
         return
     whose = "one sample, since all runs are of the same data," if results.card.origin == RECORDED else count(band.runs, "run")
     said += (
@@ -71,7 +71,7 @@ def squares(case: CaseView, name: str, labels: Sequence[str], marks: Mapping[str
         f"average over {whose} of a filter that is right: chi-square of {band.runs} × {band.dimension} degrees of freedom, "
         f"over {band.runs * band.dimension}."
     )
-    yield _plot(lines, marks, name, title, f"{name.upper()} / {band.dimension}", 1.0, said, band=band)
+    yield _plot(lines, marks, name, title, f"{name.upper()} / {band.dimension}", name, 1.0, said, band=band)
 
 
 def brier(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) -> Iterator[Plot]:
@@ -81,7 +81,7 @@ def brier(case: CaseView, labels: Sequence[str], marks: Mapping[str, Mark]) -> I
         said = " It is the squared distance of the mode probabilities from the mode in force: 0 at best, 2 at worst."
         if not _unknown(lines):
             title = "Brier score of the mode probabilities over time"
-            yield _plot(lines, marks, "brier", title, "Brier score", said=said, most=2.0)
+            yield _plot(lines, marks, "brier", title, "Brier score", "brier", said=said, most=2.0)
 
 
 def _unknown(lines: Sequence[Series]) -> bool:
@@ -95,6 +95,7 @@ def _plot(
     name: str,
     title: str,
     label: str,
+    metric: str,
     target: float | None = None,
     said: str = "",
     bounds: Sequence[tuple[BlockBound, Array, Array]] = (),
@@ -129,7 +130,8 @@ def _plot(
     log = "y" if axis and axis.log else ""
     nothing = "all errors are at the level of rounding." if lines and not shown else ""
     first = series.first(labels)
-    return Plot(name, title, caption, drawing, labels, columns, y=label, log=log, whole=whole, first=first, nothing=nothing)
+    how = {"log": log, "whole": whole, "first": first, "nothing": nothing, "metrics": [metric]}
+    return Plot(name, title, caption, drawing, labels, columns, y=label, **how)
 
 
 def _rounding(lines: Sequence[Series], unit: str) -> str:

@@ -7,6 +7,7 @@ import os
 import re
 import stat
 import xml.etree.ElementTree as ET
+from html import escape
 from urllib.parse import unquote
 
 import pytest
@@ -18,6 +19,7 @@ from reports.text import number
 from suite import results
 from suite.case import StateBlock
 from suite.errors import BadInput
+from suite.metrics import METRICS
 from suite.store import Store
 from tests.reports import conftest
 from tests.reports.conftest import build, rendered
@@ -320,3 +322,12 @@ def test_a_case_without_blocks_of_its_divergence_is_still_shown(tools, tmp_path)
     page = rendered(loaded)["case-easy.html"]
     assert "ground plane" not in page
     assert "Published" not in page
+
+
+def test_formulas_of_metrics_stand_below_their_figures(site):
+    text = (site / "case-easy-one.html").read_text(encoding="utf-8")
+    figures = dict(re.findall(r'<figure id="([^"]+)"(.*?)</figure>', text, re.S))
+    for name, metric in (("rmse-0", "rmse"), ("nees", "nees"), ("cost-0", "latency")):
+        assert escape(METRICS[metric].formula) in figures[name], name
+    assert "before the mean over time" in figures["rmse-0"]
+    assert "before the mean over time" not in figures["cost-0"]
