@@ -167,11 +167,12 @@ class Results:
     entries: list[Entry]
     superseded: int
     damages: list[Damage]
+    order: tuple[str, ...] = ()
 
     @property
     def labels(self) -> list[str]:
-        """Labels of all estimators, in the order in which they first appear in any case."""
-        return list(dict.fromkeys(label for case in self.cases.values() for label in case.cells))
+        """Labels of all estimators in the order asked for; others behind, as they first appear in any case."""
+        return _ordered(list(dict.fromkeys(label for case in self.cases.values() for label in case.cells)), self.order)
 
 
 def load(
@@ -201,7 +202,7 @@ def load(
     for case in cases.values():
         case.calm = cases.get(case.card.calm) if case.card.calm else None
     used = sum(len(c.truths) + (c.bound is not None) + sum(_size(cell) for cell in c.cells.values()) for c in cases.values())
-    return Results(Path(folder), cases, entries, len(entries) - used, damages)
+    return Results(Path(folder), cases, entries, len(entries) - used, damages, tuple(estimator_order))
 
 
 def _fill(case: CaseResults, entries: list[Entry], order: Sequence[str]) -> None:

@@ -12,6 +12,7 @@ import pytest
 from suite import plan, store
 from suite.metrics import METRICS
 from suite.results import load
+from tests.reports.conftest import Scripted, Written, small_case
 
 TINY = Path(__file__).resolve().parents[1] / "plugins" / "tiny.py"
 
@@ -137,3 +138,10 @@ def test_blocks_of_many_sizes_are_one_cell(tiny, results):
     assert cell.runs == list(range(8))
     assert [e.meta["kind"] for e in cell.estimates] == [plan.ESTIMATE] * len(cell.estimates)
     assert cell.estimate.mean.shape == (20, 2, 8)
+
+
+def test_labels_are_in_the_order_asked_for_also_where_the_first_case_lacks_some(tmp_path):
+    written = Written(tmp_path / "r")
+    written.add([small_case("one")], [Scripted("last"), Scripted("first")], runs=2, seconds=0)
+    written.add([small_case("two")], [Scripted("middle"), Scripted("first"), Scripted("unknown")], runs=2, seconds=0)
+    assert load(tmp_path / "r", ["one", "two"], ["first", "middle", "last"]).labels == ["first", "middle", "last", "unknown"]
