@@ -128,6 +128,17 @@ class CaseResults:
     calm: "CaseResults | None" = None
     """The twin of the case in which no manoeuvre happens."""
 
+    @property
+    def held(self) -> list[tuple[str, str]]:
+        """What stands for all that is held, the twin included: address and time of each block, and refusals by label."""
+        found = []
+        for case in (self, self.calm) if self.calm else (self,):
+            cells = [entry for cell in case.cells.values() for entry in (*cell.estimates, *cell.timings)]
+            entries = [*case.truths, *filter(None, [case.bound]), *cells]
+            found += [(entry.meta["address"], entry.meta["created"]) for entry in entries]
+            found += [(label, cell.refusal) for label, cell in case.cells.items() if cell.refusal]
+        return found
+
     @functools.cached_property
     def bounds(self) -> list[BlockBound]:
         """The bounds on the error of each state block, of every kind there is."""

@@ -25,7 +25,6 @@ from suite.metrics import FAMILIES, METRICS
 from suite.published import Finding
 from suite.published import Key as FigureKey
 from suite.results import CaseResults
-from suite.store import Entry
 
 
 def digest_name(frame: Frame, name: str) -> str:
@@ -38,19 +37,13 @@ def part(frame: Frame, results: CaseResults, findings: Mapping[FigureKey, Findin
     name = results.card.name
     found = {" | ".join(key): dataclasses.astuple(finding) for key, finding in findings.items() if key[0] == name}
     words = json.dumps([results.card.to_dict(), list(found.values())])
-    entries = [*_entries(results), *(_entries(results.calm) if results.calm else [])]
     depends = {
-        "blocks": [(entry.meta["address"], entry.meta["created"]) for entry in entries],
+        "blocks": results.held,
         "findings": found,
         "labels": frame.labels,
         "pages": {other: page for other, page in frame.cases.items() if other in words},
     }
-    return Part(frame.cases[name], depends, files, (frame, results, findings), len(entries))
-
-
-def _entries(results: CaseResults) -> list[Entry]:
-    cells = [entry for cell in results.cells.values() for entry in [*cell.estimates, *cell.timings]]
-    return [*results.truths, *filter(None, [results.bound]), *cells]
+    return Part(frame.cases[name], depends, files, (frame, results, findings), len(depends["blocks"]))
 
 
 def files(frame: Frame, results: CaseResults, findings: Mapping[FigureKey, Finding]) -> dict[str, str]:

@@ -76,17 +76,10 @@ def case_parts(frame: Frame, inputs: Inputs) -> list[Part]:
     for name in shared(inputs):
         assert inputs.against
         pair = inputs.against.cases[name], inputs.loaded.cases[name]
-        blocks = [_blocks(each) for side in pair for each in (side, side.calm) if each]
+        blocks = [side.held for side in pair]
         file = digest_name(frame, name)
         found.append(Part(f"changes of {name}", blocks, _case_files, (file, *pair), sum(map(len, blocks))))
     return found
-
-
-def _blocks(case: CaseResults) -> list[tuple[str, str]]:
-    cells = [entry for cell in case.cells.values() for entry in (*cell.estimates, *cell.timings)]
-    refusals = [(label, cell.refusal) for label, cell in case.cells.items()]
-    entries = [*case.truths, *filter(None, [case.bound]), *cells]
-    return [*((e.meta["address"], e.meta["created"]) for e in entries), *refusals]
 
 
 def _case_files(file: str, before: CaseResults, after: CaseResults) -> dict[str, str]:

@@ -12,7 +12,10 @@ from reports.pages import case as case_page
 from reports.plot import Column, Plot, tex, to_csv, to_latex
 from reports.site import build as build_in
 from reports.views import private, view
+from suite.plan import REFUSAL
 from suite.published import Finding
+from suite.record import Recorder
+from suite.registry import Catalog, Registry
 from tests.reports.conftest import Written, build
 
 
@@ -151,3 +154,14 @@ def test_every_figure_has_its_files(site, tools):
         links = [link for link in tools.read(page).links if link.startswith("data/")]
         assert all((site / link).is_file() for link in links)
     assert (site / "data/easy-one-rmse-0.csv").read_text().startswith('time (s),plain,"plain, low","plain, high"')
+
+
+def test_a_refusal_that_came_later_is_told(written, tools, tmp_path):
+    written.add([tools.case("two")], [tools.scripted("c")])
+    out = build(written.load(), tmp_path / "site")
+    assert "not today" not in (out / "case-one.html").read_text(encoding="utf-8")
+    case, choosy = tools.case("one"), tools.scripted("c", refusal="not today")
+    recorder = Recorder(str(written.folder), "x", Catalog(Registry("e", (choosy,)), Registry("c", (case,)), {}))
+    recorder.refusal(written._block(REFUSAL, case, choosy, 1))
+    build(written.load(), out)
+    assert "not today" in (out / "case-one.html").read_text(encoding="utf-8")
