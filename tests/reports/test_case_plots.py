@@ -51,14 +51,16 @@ def test_errors_at_the_level_of_rounding_are_told_and_not_drawn(drawn):
     assert line.negligible == pytest.approx(level)
     assert not line.rounding
     tiny = dataclasses.replace(line, value=np.full(12, 0.5 * level))
-    plot = over_time._plot([tiny, dataclasses.replace(line, label="twin")], look, "x", "RMSE over time", "RMSE (m)")
+    plot = over_time._plot([tiny, dataclasses.replace(line, label="twin")], look, "x", "RMSE over time", "RMSE (m)", "rmse")
     assert "The errors of plain are rounding," in plot.caption
     assert plot.labels == ["twin"]
     assert 'data-series="0"' not in plot.drawing
-    nothing = over_time._plot([tiny, dataclasses.replace(tiny, value=np.zeros(12))], look, "x", "RMSE over time", "RMSE (m)")
+    zero = dataclasses.replace(tiny, value=np.zeros(12))
+    nothing = over_time._plot([tiny, zero], look, "x", "RMSE over time", "RMSE (m)", "rmse")
     assert (nothing.drawing, nothing.nothing) == (None, "all errors are at the level of rounding.")
     never = dataclasses.replace(line, value=np.zeros(12), negligible=0.0)
-    assert "The errors of all are zero" in over_time._plot([never], look, "x", "RMSE over time", "RMSE (m)").caption
+    all_zero = over_time._plot([never], look, "x", "RMSE over time", "RMSE (m)", "rmse")
+    assert "The errors of all are zero" in all_zero.caption
     assert not dataclasses.replace(never, negligible=-np.inf).rounding  # such as a score of modes that is 0 at best
 
 
