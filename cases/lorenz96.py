@@ -15,10 +15,22 @@ DT = 0.05  # time between measurements, and of the Runge-Kutta rule
 STEPS = {10: 200, 40: 60}  # by the number of components
 
 
+def around(x: Array) -> tuple[Array, Array, Array]:
+    """For each component the one after it on the ring, the one before it, and the second before it."""
+    after, before, second = (np.concat([x[i:], x[:i]]) for i in (1, -1, -2))
+    return after, before, second
+
+
 def velocity(x: Array) -> Array:
     """Lorenz's equations of 1996 on a ring."""
-    after, before, second = (np.concat([x[i:], x[:i]]) for i in (1, -1, -2))
+    after, before, second = around(x)
     return (after - second) * before - x + F
+
+
+def stretched(x: Array, d: Array) -> Array:
+    """How fast deviations d[n, n, ...] grow at states x[n, ...]: the Jacobian of `velocity` times them."""
+    (after, before, second), (d_after, d_before, d_second) = around(x[:, None]), around(d)
+    return (d_after - d_second) * before + (after - second) * d_before - d
 
 
 def flow(x: Array, k: int) -> Array:
@@ -28,6 +40,16 @@ def flow(x: Array, k: int) -> Array:
     third = velocity(x + DT / 2 * second)
     fourth = velocity(x + DT * third)
     return x + DT / 6 * (first + 2.0 * (second + third) + fourth)
+
+
+def slopes(x: Array, k: int) -> Array:
+    """Derivative [n, n, ...] of `flow`: the same rule for the equations linearised about each of its stages."""
+    whole = np.broadcast_to(np.eye(len(x)).reshape(len(x), len(x), *[1] * (x.ndim - 1)), (len(x), *x.shape))
+    first, d_first = velocity(x), stretched(x, whole)
+    second, d_second = velocity(x + DT / 2 * first), stretched(x + DT / 2 * first, whole + DT / 2 * d_first)
+    third, d_third = velocity(x + DT / 2 * second), stretched(x + DT / 2 * second, whole + DT / 2 * d_second)
+    d_fourth = stretched(x + DT * third, whole + DT * d_third)
+    return whole + DT / 6 * (d_first + 2.0 * (d_second + d_third) + d_fourth)
 
 
 def spun_up(d: int) -> Array:
@@ -44,7 +66,7 @@ def model(d: int, every: int, sigma: float) -> StateSpaceModel:
     seen = np.eye(d)[::every]
     return StateSpaceModel(
         prior=Gaussian(spun_up(d), np.eye(d)),
-        dynamics=AdditiveTransition(flow, Gaussian.noise(np.zeros((d, d)))),
+        dynamics=AdditiveTransition(flow, Gaussian.noise(np.zeros((d, d))), jacobian_of_mean=slopes),
         sensor=AdditiveSensor(Affine(seen), Gaussian.diagonal([sigma**2] * len(seen))),
     )
 

@@ -36,6 +36,25 @@ def fall(s: Array, k: int) -> Array:
     return np.stack([x + DT * vx, y + DT * vy, vx + DT * ax, vy + DT * ay, x5])
 
 
+def slopes(s: Array, k: int) -> Array:
+    """Derivative [5, 5, ...] of `fall`."""
+    x, y, vx, vy, x5 = s
+    r, v = np.sqrt(x * x + y * y), np.sqrt(vx * vx + vy * vy)
+    drag = BETA0 * np.exp(x5 + (R0 - r) / H0) * v
+    gravity = -GM / (r * r * r)
+    found = np.zeros((5, *s.shape))
+    found[range(5), range(5)] = 1.0
+    found[0, 2] = found[1, 3] = DT
+    for row, place, speed in ((2, x, vx), (3, y, vy)):
+        by_distance = -drag * speed / H0 - 3.0 * gravity * place / r
+        found[row, 0], found[row, 1] = DT * by_distance * x / r, DT * by_distance * y / r
+        found[row, row - 2] += DT * gravity
+        found[row, 2], found[row, 3] = DT * drag * speed * vx / (v * v), DT * drag * speed * vy / (v * v)
+        found[row, row] += 1.0 + DT * drag
+        found[row, 4] = DT * drag * speed
+    return found
+
+
 def radar(s: Array, k: int) -> Array:
     """Range in km and bearing in rad, from a radar on the ground at (R0, 0)."""
     east, north = s[0] - R0, s[1]
@@ -51,13 +70,13 @@ TO_VELOCITY_AND_X5 = np.eye(5)[:, 2:]
 
 MODEL = StateSpaceModel(
     prior=Gaussian([*START, 0.0], np.diag([1e-6, 1e-6, 1e-6, 1e-6, 1.0])),
-    dynamics=AdditiveTransition(fall, process_noise(X5_NOISE), gain=TO_VELOCITY_AND_X5),
+    dynamics=AdditiveTransition(fall, process_noise(X5_NOISE), gain=TO_VELOCITY_AND_X5, jacobian_of_mean=slopes),
     sensor=AdditiveSensor(radar, Gaussian.diagonal([SIGMA_R**2, SIGMA_THETA**2]), angles=(1,)),
 )
 REALITY = replace(
     MODEL,
     prior=Gaussian([*START, TRUE_X5], np.diag([1e-6, 1e-6, 1e-6, 1e-6, 0.0])),
-    dynamics=AdditiveTransition(fall, process_noise(0.0), gain=TO_VELOCITY_AND_X5),
+    dynamics=AdditiveTransition(fall, process_noise(0.0), gain=TO_VELOCITY_AND_X5, jacobian_of_mean=slopes),
 )
 
 FILTERS = ("ekf", "ukf", "ckf")

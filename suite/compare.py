@@ -24,7 +24,7 @@ from suite.differences import (
 from suite.errors import BadInput
 from suite.metrics import METRICS, Metric
 from suite.results import CaseResults
-from suite.score import faced, miss, rounding
+from suite.score import faced, misses, rounding
 from suite.sides import Side, facing, sides
 from suite.state_tests import TRUTH
 from suite.statistics import LEVEL, Resampled
@@ -189,8 +189,8 @@ def compared(mine: Side, theirs: Side, zone: float, said: str, paired: bool) -> 
         found = replace(found, difference=(rates_apart if paired else unpaired_rates_apart)(*parts))
     else:
         found = replace(found, difference=gap(one, other, paired).interval)
-    if not (metric.signed or metric.binomial):
-        logs = gap(one.map(np.log), other.map(np.log), paired).interval
+    if metric.by_ratio:
+        logs = gap(one.logarithm, other.logarithm, paired).interval
         with np.errstate(over="ignore"):
             found = replace(found, ratio=Interval(*(float(np.exp(end)) for end in (logs.value, logs.low, logs.high))))
     if not metric.timed and case.card.origin == RECORDED:
@@ -219,7 +219,7 @@ def gaps(metric: Metric, one: Resampled, other: Resampled, paired: bool = True) 
 
     What misses a target by less than another does lies between that other and its mirror image, see `faced`.
     """
-    mine, theirs = (sample.map(lambda value: miss(metric, value)) for sample in (one, other))
+    mine, theirs = (misses(metric, sample) for sample in (one, other))
     return [gap(mine, each, paired) for each in faced(metric, theirs)]
 
 

@@ -136,7 +136,7 @@ def gap(sample: Resampled, limit: float, side: int, scale: Scale) -> Resampled:
     distance = sample.map(lambda value: side * (scale(value) - scale(np.array([limit]))))
     if side < 0 or scale is not np.log:
         return distance
-    centre, _ = distance.centre_and_error()
+    centre, _ = distance.centre_and_error
     shift = np.expm1(centre) - centre
     return Resampled(distance.value + shift, distance.left_out + shift[:, None])
 

@@ -55,9 +55,9 @@ def gap(one: Resampled, other: Resampled, paired: bool = True) -> Gap:
     with np.errstate(all="ignore"):
         value = float(one.value[0] - other.value[0])
         if paired:
-            centre, error = (float(part[0]) for part in (one - other).centre_and_error())
+            centre, error = (float(part[0]) for part in (one - other).centre_and_error)
             return Gap(value, centre, error, one.left_out.shape[1] - 1)
-        (first, mine), (second, theirs) = ([part[0] for part in each.centre_and_error()] for each in (one, other))
+        (first, mine), (second, theirs) = ([part[0] for part in each.centre_and_error] for each in (one, other))
         error = np.hypot(mine, theirs)
         parts = [(e / error) ** 4 / (each.left_out.shape[1] - 1) for e, each in ((mine, one), (theirs, other))]
         return Gap(value, float(first - second), float(error), float(1 / sum(parts)))

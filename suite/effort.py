@@ -21,7 +21,7 @@ class Effort:
     slopes: int
 
 
-BRIEF = Effort(steps=10, runs=5, repeats=4, seconds=0.01, tail_seconds=0.0, trajectories=500, slopes=3_750_000)
+BRIEF = Effort(steps=10, runs=4, repeats=3, seconds=0.006, tail_seconds=0.0, trajectories=250, slopes=2_000_000)
 FULL = Effort(steps=50, runs=20, repeats=5, seconds=0.05, tail_seconds=0.2, trajectories=2000, slopes=15_000_000)
 EFFORTS = (BRIEF, FULL)
 """From the least to the most thorough."""

@@ -1,6 +1,6 @@
 """Jacobians of array expressions by forward-mode differentiation with dual numbers."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,8 +67,15 @@ class Dual(NDArrayOperatorsMixin):
         raise TypeError("no derivative is known where an array is filled by hand; use numpy.stack or give the Jacobian")
 
     def __getitem__(self, index: Any) -> "Dual":
-        found = {j: _compact(np.broadcast_to(t, self.shape)[index]) for j, t in self.tangents.items()}
-        return Dual(self.value[index], {j: t for j, t in found.items() if t.size > 1 or t.any()})
+        value = self.value[index]
+        found = {j: self._entry(t, index) for j, t in self.tangents.items()}
+        return Dual(value, {j: t for j, t in found.items() if t.size > 1 or t.any()})
+
+    def _entry(self, t: Array, index: Any) -> Array:
+        """What stands at an index of derivatives that broadcast to the value."""
+        if isinstance(index, int) and t.ndim == self.ndim:  # components are taken so, one by one, and often
+            return np.asarray(t[index] if len(t) > 1 else t[0])
+        return _compact(np.broadcast_to(t, self.shape)[index])
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         values = [x.value if isinstance(x, Dual) else x for x in inputs]
@@ -148,11 +155,19 @@ def _tangents(items: Sequence[Any], join: Callable[[list[Array]], Array]) -> dic
 def _stack(items: Sequence[Any], axis: int = 0) -> Dual:
     if axis != 0:
         raise TypeError("a derivative of numpy.stack is known along the first axis only")
+    values = [_value(x) for x in items]
+    shape = (len(items), *np.broadcast_shapes(*(value.shape for value in values)))
 
-    def join(parts: Sequence[Array]) -> Array:
-        return np.stack(np.broadcast_arrays(*parts))
+    def joined(parts: Iterable[tuple[int, Array]]) -> Array:
+        whole = np.zeros(shape)
+        for place, part in parts:
+            whole[place] = part
+        return whole
 
-    return Dual(join([_value(x) for x in items]), _tangents(items, join))
+    known = [(i, x.tangents) for i, x in enumerate(items) if isinstance(x, Dual)]
+    variables = dict.fromkeys(j for _, tangents in known for j in tangents)
+    found = {j: joined((i, tangents[j]) for i, tangents in known if j in tangents) for j in variables}
+    return Dual(joined(enumerate(values)), found)
 
 
 def _concatenate(items: Sequence[Any], axis: int = 0) -> Dual:

@@ -76,7 +76,7 @@ def goal(what: str, width: str) -> Goal:
         size = math.nan
     if not (match and 0 < size < math.inf):
         raise BadInput(f"--until {what}: the width must be such as 5% or 0.02 (in the unit of the score), got {width!r}")
-    if match[2] and (metric.binomial or metric.signed):
+    if match[2] and not metric.by_ratio:
         raise BadInput(f"--until {what}: {name} may be zero, of which no share is a width; name one in its unit, such as 0.02")
     return Goal(metric, block or "*", size / 100 if match[2] else size, bool(match[2]))
 

@@ -163,7 +163,9 @@ def _standing(case: CaseResults, block: str, metric: Metric, aside: Collection[s
         common = one.runs if one.runs == other.runs else tuple(sorted(set(one.runs) & set(other.runs)))
         return len(common) > 1 and _worse(metric, over(one, common), over(other, common), level)
 
-    best = [one.label for one in candidates if not any(beaten(one, other) for other in candidates if other is not one)]
+    # Most are worse than the leader: the first test tells.
+    rivals = sorted(candidates, key=lambda one: float(loss(metric, np.asarray(scored[one.label].scores(metric)[block].value))))
+    best = [one.label for one in candidates if not any(beaten(one, other) for other in rivals if other is not one)]
     return dict.fromkeys(best, TIED) if len(best) > 1 else dict.fromkeys(best, BEST)
 
 
@@ -172,11 +174,11 @@ def _worse(metric: Metric, mine: Resampled, theirs: Resampled, level: float) -> 
 
     What misses a target by more is beyond all of `faced`, on whichever side of the target it is.
     """
-    ratio = all((part > 0).all() for sample in (mine, theirs) for part in (sample.value, sample.left_out))
-    mine, theirs = (sample.map(lambda value: miss(metric, value, ratio)) for sample in (mine, theirs))
+    ratio = mine.positive and theirs.positive
+    mine, theirs = (misses(metric, sample, ratio) for sample in (mine, theirs))
     above = isinstance(metric.better, str) or mine.value[0] > 0
-    gaps = [other - mine if above else mine - other for other in faced(metric, theirs)]
-    return all(gap.centre_and_error()[0][0] < -ROUNDING and below_zero(gap)[0] < level for gap in gaps)
+    gaps = (other - mine if above else mine - other for other in faced(metric, theirs))
+    return all(gap.centre_and_error[0][0] < -ROUNDING and below_zero(gap)[0] < level for gap in gaps)
 
 
 def faced(metric: Metric, theirs: Resampled) -> list[Resampled]:
@@ -199,11 +201,21 @@ def miss(metric: Metric, value: Array, ratio: bool = True) -> Array:
     Ratios, not differences, of what is never negative: an average over runs that are wild now and then, or over a few timed
     calls, is skew. A rate may be zero and stays as it is; so does what is zero without some run, when two are compared.
     """
-    scale = np.positive if metric.binomial or metric.signed or not ratio else np.log
+    ratio = ratio and metric.by_ratio
     with np.errstate(all="ignore"):
-        if isinstance(metric.better, str):
-            return scale(value) if metric.better == "lower" else -scale(value)
-        return np.asarray(scale(value) - scale(metric.better))
+        return _missed(metric, np.log(value) if ratio else value, ratio)
+
+
+def misses(metric: Metric, sample: Resampled, ratio: bool = True) -> Resampled:
+    """`miss` of a score, and of what it would be without each run."""
+    ratio = ratio and metric.by_ratio
+    return (sample.logarithm if ratio else sample).map(lambda scaled: _missed(metric, scaled, ratio))
+
+
+def _missed(metric: Metric, scaled: Array, ratio: bool) -> Array:
+    if isinstance(metric.better, str):
+        return scaled if metric.better == "lower" else -scaled
+    return scaled - (math.log(metric.better) if ratio else metric.better)
 
 
 def to_json(frame: pandas.DataFrame) -> str:

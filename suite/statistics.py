@@ -1,5 +1,6 @@
 """Intervals over Monte Carlo runs, for statistics that are computed of all runs and without each run in turn."""
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ ROUNDING = 1e-8
 """Scatter of a share that counts as none."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Resampled:
     """A statistic of independent runs: its value [S], and left_out[S, R], the same without each run in turn (Tukey, 1958).
 
@@ -32,6 +33,17 @@ class Resampled:
         with np.errstate(invalid="ignore"):
             return Resampled(self.value - other.value, self.left_out - other.left_out)
 
+    @functools.cached_property
+    def logarithm(self) -> "Resampled":
+        """Its logarithm."""
+        return self.map(np.log)
+
+    @functools.cached_property
+    def positive(self) -> bool:
+        """Whether it is above zero, also without any run."""
+        return bool((self.value > 0).all() and (self.left_out > 0).all())
+
+    @functools.cached_property
     def centre_and_error(self) -> tuple[Array, Array]:
         """Where infinitely many runs would put the statistic [S], and its standard error [S]; NaN of a single run."""
         runs = self.left_out.shape[1]
@@ -92,7 +104,7 @@ def jackknife(sample: Resampled, level: float = LEVEL) -> tuple[Array, Array]:
     is too small, by more than its scatter when there are many steps. It has Student's t for its reach, and is widened to
     hold the value itself. For a plain mean it is the t interval. With a single run there is no interval: NaN.
     """
-    centre, error = sample.centre_and_error()
+    centre, error = sample.centre_and_error
     with np.errstate(all="ignore"):
         reach = stdtrit(sample.left_out.shape[1] - 1, 0.5 + level / 2) * error
         return np.minimum(centre - reach, sample.value), np.maximum(centre + reach, sample.value)
@@ -106,7 +118,7 @@ def positive_jackknife(sample: Resampled, level: float = LEVEL) -> tuple[Array, 
     """
     value, left_out = sample.value, sample.left_out
     with np.errstate(over="ignore"):
-        low, high = (np.exp(end) for end in jackknife(sample.map(np.log), level))
+        low, high = (np.exp(end) for end in jackknife(sample.logarithm, level))
     plain_low, plain_high = jackknife(sample, level)
     zero = (left_out == 0).any(1) | (value == 0)
     low, high = np.where(zero, np.maximum(plain_low, 0.0), low), np.where(zero, plain_high, high)
@@ -117,7 +129,7 @@ def positive_jackknife(sample: Resampled, level: float = LEVEL) -> tuple[Array, 
 
 def below_zero(sample: Resampled) -> Array:
     """One-sided p-values [S] of a statistic that is in truth zero or more, by Student's t: small where it is below zero."""
-    centre, error = sample.centre_and_error()
+    centre, error = sample.centre_and_error
     with np.errstate(all="ignore"):
         t = np.where(error > 0, centre / error, np.sign(centre) * np.inf)
         return np.where(centre == 0, 0.5, stdtr(sample.left_out.shape[1] - 1, t))
@@ -131,7 +143,7 @@ def bounded(sample: Resampled, level: float = LEVEL) -> tuple[float, float]:
     as runs. NaN of a single run.
     """
     value, runs = float(sample.value[0]), sample.left_out.shape[1]
-    error = float(sample.centre_and_error()[1][0])
+    error = float(sample.centre_and_error[1][0])
     if runs < 2 or not np.isfinite(error):
         return float("nan"), float("nan")
     if value in (0.0, 1.0):

@@ -156,16 +156,15 @@ def measure_time(case: Case, estimator: Estimator, seed: int, effort: Effort = F
     runs, repeats = effort.runs, effort.repeats
     try:
         y = simulated(case, seed, 0, runs).y[: effort.steps]
-        peak: dict[int, float] = {}
-        warm: dict[int, float] = {}
-        for carried in (1, runs):
-            short = y[:SHORT, :, :carried]
-            warm[carried] = float(np.median(np.asarray(_call(case, estimator, short, seed).seconds)))
-            peak[carried] = _peak(case, estimator, short, seed)
-        y = y[: max(SHORT, int(effort.seconds / (runs * warm[runs] + 1e-9)))]
+        short = y[:SHORT]
+        warm = float(np.median(np.asarray(_call(case, estimator, short, seed).seconds)))
+        peak = {carried: _peak(case, estimator, short[:, :, :carried], seed) for carried in (1, runs)}
+        y = y[: max(SHORT, int(effort.seconds / (runs * warm + 1e-9)))]
+        calls = [_call(case, estimator, y[:, :, :1], seed)]
         tail = math.ceil(TAIL_STEPS / len(y))
-        single = max(repeats, tail) if tail * len(y) * warm[1] < effort.tail_seconds else repeats
-        calls = [_call(case, estimator, y[:, :, [r % runs]], seed + r) for r in range(single)]
+        once = float(np.sum(np.asarray(calls[0].seconds)))
+        single = max(repeats, tail) if tail * once < effort.tail_seconds else repeats
+        calls += [_call(case, estimator, y[:, :, [r % runs]], seed + r) for r in range(1, single)]
         calls += [_call(case, estimator, y, seed + r) for r in range(repeats)]
     except FAULTS as error:
         return Timing(np.full((1, 1), np.nan), (1,), FAILED, _reason(error))

@@ -5,6 +5,7 @@ All of them leave a part of the measurement out of the log-likelihood where the 
 above 4.5e9, which filterpy takes for singular; a range in metres beside an angle in radians comes near that.
 """
 
+import functools
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -71,10 +72,15 @@ class Observed:
         """Covariance of the noise."""
         return self.sensor.noise_at(self.k).marginal(tuple(self.rows.tolist())).cov if len(self.rows) else np.zeros((0, 0))
 
+    @functools.cached_property
+    def angles(self) -> NDArray[np.bool_]:
+        """Which of the rows are angles."""
+        return np.array([row in self.sensor.angles for row in self.rows.tolist()], bool)
+
     @property
     def wraps(self) -> bool:
         """Whether any of the rows is an angle."""
-        return bool(np.isin(self.rows, self.sensor.angles).any())
+        return bool(self.angles.any())
 
     def mean(self, x: Array) -> Array:
         """Measurement expected in a state."""
@@ -87,7 +93,7 @@ class Observed:
     def residual(self, a: Array, b: Array) -> Array:
         """Difference of measurements [..., rows], angles wrapped."""
         rest = np.subtract(a, b)
-        return np.where(np.isin(self.rows, self.sensor.angles), wrap(rest), rest)
+        return np.where(self.angles, wrap(rest), rest) if self.wraps else rest
 
     def average(self, points: Array, weights: Array) -> Array:
         """Weighted mean of measurements, of angles about the first."""

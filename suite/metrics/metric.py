@@ -75,6 +75,11 @@ class Metric:
     timed: bool = False
     ranked: bool = True
 
+    @property
+    def by_ratio(self) -> bool:
+        """Whether values are compared by their ratio: those that are never negative, but for shares."""
+        return not (self.binomial or self.signed)
+
     def __call__(self, case: Card, truth: Truth, estimate: Estimate, **more: Any) -> dict[str, Score]:
         """Scores by state block (or 'state', 'runs', 'step'), with 95 % intervals over runs; more: the rest of `Evidence`."""
         total = estimate.mean.shape[-1]

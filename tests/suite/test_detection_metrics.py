@@ -66,7 +66,7 @@ def test_intervals_of_perfect_and_of_inverted_detectors_are_within_what_is_possi
 
 def test_the_whole_area_ranks_a_detector_above_a_noisier_one():
     good, bad = (METRICS["auc"].resampled(METRICS["auc"].contributions(evidence(noise(2, rise=r)))["scan"]) for r in (2, 0.5))
-    value, error = (good - bad).centre_and_error()
+    value, error = (good - bad).centre_and_error
     assert value[0] > 5 * error[0] > 0
     assert METRICS["auc"].better == METRICS["pauc"].better == "higher"
 
