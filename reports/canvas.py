@@ -58,6 +58,7 @@ def panels(count: int, columns: int, height: float, width: float = WIDTH, head: 
         left, bottom = LEFT + column * (wide + gap), whole - TOP - head - height - row * (height + head + gap)
         axes = figure.add_axes((left / width, bottom / whole, wide / width, height / whole))
         axes.yaxis.set_label_coords(-0.82 / wide, 0.5)
+        axes.xaxis.set_label_coords(0.5, -0.31 / height)
         axes.tick_params(labelleft=column == 0, labelbottom=place + columns >= count)
         found.append(axes)
     return found
@@ -84,11 +85,14 @@ def shade(axes: Axes, x: Array, low: Array, high: Array, mark: Mark, many: int, 
 
 def whiskers(axes: Axes, x: Array, y: Array, mark: Mark, xerr: Array | None = None, yerr: Array | None = None) -> None:
     """Intervals [2, N] about points as faint bars: xerr along x, yerr along y, both as ends, cut at the limits of the axes."""
-    colour = svg.colour(mark.colour)
-    for ends, place, draw, limits in ((xerr, y, axes.hlines, axes.get_xlim()), (yerr, x, axes.vlines, axes.get_ylim())):
-        if ends is not None and len(place):
-            low, high = np.clip(ends, *limits)
-            draw(place, low, high, colors=colour, alpha=0.5, lw=1.0).set_gid(f"series-{mark.series}-whiskers")
+    bars = [] if xerr is None else [(np.clip(xerr, *axes.get_xlim()), np.stack([y, y]))]
+    bars += [] if yerr is None else [(np.stack([x, x]), np.clip(yerr, *axes.get_ylim()))]
+    if bars and len(x):
+        # All bars are one line, broken between them: a collection of lines takes several times as long.
+        breaks = np.full((1, len(x)), np.nan)
+        path = [np.concatenate([np.vstack([ends, breaks]).T.ravel() for ends in each]) for each in zip(*bars, strict=True)]
+        (drawn,) = axes.plot(*path, color=svg.colour(mark.colour), alpha=0.5, lw=1.0, solid_capstyle="butt")
+        drawn.set_gid(f"series-{mark.series}-whiskers")
 
 
 class Ticks(Formatter):

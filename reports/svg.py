@@ -21,6 +21,8 @@ STYLE = {
     "text.color": INK,
     "xtick.color": INK,
     "ytick.color": INK,
+    "xtick.bottom": False,  # the grid shows where they are
+    "ytick.left": False,
     "grid.color": FAINT,
     "axes.spines.top": False,
     "axes.spines.right": False,

@@ -170,7 +170,7 @@ def _of_two_occasions(c: Change, spread: float, freedom: float, zone: float) -> 
 
 
 def _change(mine: Side, theirs: Side, zone: float, paired: bool) -> Change:
-    metric, found = mine.metric, compared(mine, theirs, zone, "", paired)
+    metric, found = mine.metric, compared([(mine, theirs)], zone, paired)[0]
     return Change(
         case=found.case,
         estimator=found.estimator,
@@ -202,7 +202,7 @@ def _sober(c: Comparison, mine: Side, theirs: Side, paired: bool) -> float:
     if np.isnan(c.p) or mine.metric.timed or mine.metric.binomial:
         return c.p
     runs = [mine.common(theirs)] * 2 if paired else [list(mine.by_run), list(theirs.by_run)]
-    own, other = (np.array([side.loss_of_run[run] for run in each]) for side, each in zip((mine, theirs), runs, strict=True))
+    own, other = (np.array(side.losses(each)) for side, each in zip((mine, theirs), runs, strict=True))
     if paired:
         known = ~np.isnan(own + other)
         own, other = own[known], other[known]
@@ -215,7 +215,10 @@ def _sober(c: Comparison, mine: Side, theirs: Side, paired: bool) -> float:
     if not paired:
         return max(c.p, rank_test(own, other), 2 / comb(len(own) + len(other), len(own)))
     scatter = c.difference.high - c.difference.low > ROUNDING * abs(c.difference.value)
-    alone = gap(means(own[None]), means(other[None])).p if np.isfinite([own, other]).all() else sign_test(*wins(own, other))
+    if np.isfinite([own, other]).all():
+        alone = float(gap(means(own[None]), means(other[None])).p[0])
+    else:
+        alone = sign_test(*(int(count) for count in wins(own, other)))
     return max(c.p, alone, 0.0 if scatter else 2.0 ** (1 - len(own)))
 
 

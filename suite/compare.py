@@ -1,7 +1,9 @@
 """Estimators beside a reference on the runs that both have: how much better or worse, how surely, and whether it matters."""
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from suite.differences import (
     NONE,
     Gap,
     Interval,
-    effect_size,
+    effect_sizes,
     exact_test,
     gap,
     holm,
@@ -27,9 +29,10 @@ from suite.results import CaseResults
 from suite.score import faced, misses, rounding
 from suite.sides import Side, facing, sides
 from suite.state_tests import TRUTH
-from suite.statistics import LEVEL, Resampled
+from suite.statistics import LEVEL, Resampled, stacked
 
 ZONE = 0.05
+Runs = tuple[int, ...]
 BETTER, WORSE, EQUAL, UNDECIDED = "better", "worse", "equal", "undecided"
 ONE_SAMPLE, NOTHING = "one sample", "no common run"
 CONDITIONAL = " where both came through"
@@ -97,17 +100,20 @@ def compare_each(
         chosen = {label: cell for label, cell in case.cells.items() if label in labels or label in found}
         held = {label: sides(cell, metric) for label, cell in chosen.items()}
         said = {label: in_words(remarks(cell)) for label, cell in chosen.items() if label in labels}
-        for reference in [r for r in found if r in held]:
-            for label in [each for each in said if each != reference]:
-                pairs = facing(held[label], held[reference], not metric.timed)
-                found[reference] += [compared(*pair, zone, said[label], not metric.timed) for pair in pairs]
+        pairs = [
+            pair
+            for reference in [r for r in found if r in held]
+            for label in [each for each in said if each != reference]
+            for pair in facing(held[label], held[reference], not metric.timed)
+        ]
+        for c in compared(pairs, zone, not metric.timed, said):
+            found[c.reference].append(c)
     return {reference: _adjusted(each) for reference, each in found.items()}
 
 
 def _adjusted(found: Sequence[Comparison]) -> list[Comparison]:
     """One family of comparisons with its adjusted p and its verdicts."""
-    adjusted = holm([c.p for c in found])
-    return [_decided(replace(c, holm=p)) for c, p in zip(found, adjusted, strict=True)]
+    return [_decided(c, p) for c, p in zip(found, holm([c.p for c in found]), strict=True)]
 
 
 def ranking(patterns: Sequence[str]) -> list[Metric]:
@@ -148,24 +154,41 @@ def _named(cases: Sequence[CaseResults]) -> str:
     return cases[0].card.name + (f" and {others} other{'s' if others > 1 else ''}" if others else "")
 
 
-def _decided(c: Comparison) -> Comparison:
+def _decided(c: Comparison, adjusted: float) -> Comparison:
     """With a difference taken back that is not significant, and a word on runs that were left out."""
-    verdict = UNDECIDED if c.verdict in (BETTER, WORSE) and not c.holm < 1 - LEVEL else c.verdict
+    verdict = UNDECIDED if c.verdict in (BETTER, WORSE) and not adjusted < 1 - LEVEL else c.verdict
     partial = verdict in (BETTER, WORSE, EQUAL) and c.left_out + c.reference_left_out > 0
-    return replace(c, verdict=verdict + CONDITIONAL if partial else verdict)
+    return replace(c, holm=adjusted, verdict=verdict + CONDITIONAL if partial else verdict)
 
 
-def compared(mine: Side, theirs: Side, zone: float, said: str, paired: bool) -> Comparison:
-    """All but the adjustment of p; better or worse as far as the values tell.
+def compared(
+    pairs: Sequence[tuple[Side, Side]], zone: float, paired: bool, said: Mapping[str, str] = MappingProxyType({})
+) -> list[Comparison]:  # fmt: skip
+    """All but the adjustment of p, for pairs by one metric on one case; better or worse as far as the values tell.
 
-    paired: whether runs of the same number are of the same truth; calls that are timed are no pairs.
+    paired: whether runs of the same number are of the same truth; calls that are timed are no pairs. said: remarks by label.
     """
+    found: list[Comparison] = []
+    groups: dict[tuple[Runs, Runs], list[int]] = {}
+    for place, (mine, theirs) in enumerate(pairs):
+        common = tuple(mine.common(theirs)) if paired else ()
+        runs = (common, common) if paired else (tuple(mine.by_run), tuple(theirs.by_run))
+        found.append(_untested(mine, theirs, runs, paired, said.get(mine.cell.label, "")))
+        if found[place].runs:
+            groups.setdefault(runs, []).append(place)
+    for runs, places in groups.items():
+        tested = _tested([pairs[place] for place in places], [found[place] for place in places], runs, zone, paired)
+        for place, c in zip(places, tested, strict=True):
+            found[place] = c
+    return found
+
+
+def _untested(mine: Side, theirs: Side, runs: tuple[Runs, Runs], paired: bool, said: str) -> Comparison:
     metric, case = mine.metric, mine.cell.case
-    common = mine.common(theirs) if paired else []
     given = [set() if metric.timed else set(side.cell.runs) for side in (mine, theirs)]
     if paired:
         given = [given[0] & given[1]] * 2
-    found = Comparison(
+    return Comparison(
         case=case.card.name,
         seed=case.seed,
         metric=metric.name,
@@ -173,45 +196,60 @@ def compared(mine: Side, theirs: Side, zone: float, said: str, paired: bool) -> 
         estimator=mine.cell.label,
         reference=theirs.cell.label,
         unit=metric.unit_of(case.card, mine.block),
-        runs=len(common) if paired else min(len(mine.by_run), len(theirs.by_run)),
+        runs=min(map(len, runs)),
         left_out=len(given[0] - mine.by_run.keys()),
         reference_left_out=len(given[1] - theirs.by_run.keys()),
         verdict=NOTHING,
         remarks=said,
     )
-    if not found.runs:
-        return found
-    runs = [common if paired else list(side.by_run) for side in (mine, theirs)]
-    parts = [side.contributions(each) for side, each in zip((mine, theirs), runs, strict=True)]
-    one, other = (side.over(each) for side, each in zip((mine, theirs), runs, strict=True))
-    found = replace(found, value=float(one.value[0]), reference_value=float(other.value[0]))
+
+
+def _tested(
+    pairs: Sequence[tuple[Side, Side]], found: Sequence[Comparison], runs: tuple[Runs, Runs], zone: float, paired: bool
+) -> list[Comparison]:
+    """Comparisons of pairs that have the same runs."""
+    metric, case = pairs[0][0].metric, pairs[0][0].cell.case
+    mine, theirs = zip(*pairs, strict=True)
+    one, other = (stacked([side.over(each) for side in column]) for column, each in ((mine, runs[0]), (theirs, runs[1])))
+    flags = [(a.contributions(runs[0]), b.contributions(runs[1])) for a, b in pairs] if metric.binomial else []
     if metric.binomial:
-        found = replace(found, difference=(rates_apart if paired else unpaired_rates_apart)(*parts))
+        difference = [(rates_apart if paired else unpaired_rates_apart)(*each) for each in flags]
     else:
-        found = replace(found, difference=gap(one, other, paired).interval)
-    if metric.by_ratio:
-        logs = gap(one.logarithm, other.logarithm, paired).interval
-        with np.errstate(over="ignore"):
-            found = replace(found, ratio=Interval(*(float(np.exp(end)) for end in (logs.value, logs.low, logs.high))))
+        difference = gap(one, other, paired).intervals()
+    ratio = gap(one.logarithm, other.logarithm, paired).intervals(np.exp) if metric.by_ratio else [NONE] * len(pairs)
+    columns: dict[str, Sequence[object]] = {"value": one.value.tolist(), "reference_value": other.value.tolist()}
     if not metric.timed and case.card.origin == RECORDED:
-        alone = Interval(found.difference.value), Interval(found.ratio.value)
-        return replace(found, difference=alone[0], ratio=alone[1], verdict=ONE_SAMPLE)
+        columns |= {"difference": [Interval(each.value) for each in difference], "ratio": [Interval(r.value) for r in ratio]}
+        return _written(found, columns | {"verdict": [ONE_SAMPLE] * len(pairs)})
     apart = gaps(metric, one, other, paired)
-    p, better = float(np.max([g.p for g in apart])), bool(np.prod([g.centre for g in apart]) < 0)
+    p, better = np.max([g.p for g in apart], axis=0), np.prod([g.centre for g in apart], axis=0) < 0
     if paired:
-        own = [np.array([side.loss_of_run[run] for run in common]) for side in (mine, theirs)]
-        if not np.isnan(own).any():
-            more, fewer = wins(*own)
-            if metric.binomial or (np.isnan(p) and len(common) > 1):
-                p, better = sign_test(more, fewer), more > fewer
+        own, others = (np.array([side.losses(runs[0]) for side in column]) for column in (mine, theirs))
+        known = ~(np.isnan(own) | np.isnan(others)).any(1)
+        more, fewer = wins(own, others)
+        for i in np.flatnonzero(known & (metric.binomial | (np.isnan(p) & (len(runs[0]) > 1)))):
+            p[i], better[i] = sign_test(int(more[i]), int(fewer[i])), more[i] > fewer[i]
+        won = zip(more.tolist(), fewer.tolist(), known.tolist(), strict=True)
+        columns["wins"] = [win_probability(m, f, len(runs[0])) if k else NONE for m, f, k in won]
+        if not metric.binomial:
             with np.errstate(invalid="ignore", over="ignore"):
-                effect = NONE if metric.binomial else effect_size(own[1] - own[0])
-            found = replace(found, wins=win_probability(more, fewer, len(common)), effect=effect)
+                columns["effect"] = effect_sizes(others - own)
     elif metric.binomial:
-        p, better = exact_test(*parts), found.difference.value < 0
-    largest = max(found.value, found.reference_value)
-    alike = largest <= rounding(case.rounding, metric, found.block) or _negligible(found, metric, zone)
-    return replace(found, p=p, verdict=EQUAL if alike else BETTER if better else WORSE)
+        p, better = np.array([exact_test(*each) for each in flags]), np.array([each.value < 0 for each in difference])
+    verdict = [BETTER if each else WORSE for each in better]
+    tested = _written(found, columns | {"difference": difference, "ratio": ratio, "p": p.tolist(), "verdict": verdict})
+    return [replace(c, verdict=EQUAL) if _alike(c, case, metric, zone) else c for c in tested]
+
+
+def _written(found: Sequence[Comparison], columns: Mapping[str, Sequence[object]]) -> list[Comparison]:
+    """Comparisons with what was found, by name."""
+    rows = zip(*columns.values(), strict=True)
+    return [replace(c, **dict(zip(columns, row, strict=True))) for c, row in zip(found, rows, strict=True)]
+
+
+def _alike(c: Comparison, case: CaseResults, metric: Metric, zone: float) -> bool:
+    """Whether both errors are rounding, or the interval lies in the zone."""
+    return max(c.value, c.reference_value) <= rounding(case.rounding, metric, c.block) or _negligible(c, metric, zone)
 
 
 def gaps(metric: Metric, one: Resampled, other: Resampled, paired: bool = True) -> list[Gap]:
@@ -230,7 +268,7 @@ def _negligible(c: Comparison, metric: Metric, zone: float) -> bool:
     difference is within the zone of the reference's size; of a rate, and of what is signed and counted in a unit of its own,
     such as nats or steps, whose zero is arbitrary or the very target, within the zone of one unit.
     """
-    if np.isfinite([c.ratio.low, c.ratio.high]).all():
+    if math.isfinite(c.ratio.low) and math.isfinite(c.ratio.high):
         return 1 / (1 + zone) <= c.ratio.low and c.ratio.high <= 1 + zone
     limit = own_limit(c, metric, zone)
     return -limit <= c.difference.low and c.difference.high <= limit

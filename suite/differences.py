@@ -1,9 +1,11 @@
 """Two samples beside each other: differences, wins and effect sizes with intervals, p-values, and their adjustment."""
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import nctdtrinc, ndtri, stdtr, stdtrit
 
 from suite.linalg import Array
@@ -21,46 +23,50 @@ class Interval:
 
 
 NONE = Interval()
+Counts = NDArray[np.intp]
 MOST_PAIRS = 1000
 """Pairs of two samples up to which ranks are tested exactly; beyond, the normal approximation is as good."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Gap:
-    """A difference: its value, where infinitely many runs would put it, its standard error, and t's degrees of freedom."""
+    """Differences [S]: their values, where infinitely many runs would put them, standard errors, t's degrees of freedom."""
 
-    value: float
-    centre: float
-    error: float
-    freedom: float
+    value: Array
+    centre: Array
+    error: Array
+    freedom: Array
 
-    @property
-    def interval(self) -> Interval:
-        """The t interval, widened to hold the value as that of `suite.statistics.jackknife`."""
+    def intervals(self, scale: Callable[[Array], Array] = np.positive) -> list[Interval]:
+        """The t intervals, widened to hold the values as that of `suite.statistics.jackknife`; a function of all three."""
         reach = stdtrit(self.freedom, 0.5 + LEVEL / 2) * self.error
         low, high = np.minimum(self.centre - reach, self.value), np.maximum(self.centre + reach, self.value)
-        return Interval(self.value, float(low), float(high))
+        with np.errstate(over="ignore"):
+            return intervals(scale(self.value), scale(low), scale(high))
 
     @property
-    def p(self) -> float:
+    def p(self) -> Array:
         """Two-sided, by Student's t; 1 where the difference is rounding."""
-        if abs(self.centre) <= ROUNDING:
-            return 1.0
-        with np.errstate(divide="ignore"):
-            return float(2 * stdtr(self.freedom, -np.abs(np.divide(self.centre, self.error))))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.abs(self.centre / self.error)
+        return np.where(np.abs(self.centre) <= ROUNDING, 1.0, 2 * stdtr(self.freedom, -t))
 
 
 def gap(one: Resampled, other: Resampled, paired: bool = True) -> Gap:
-    """One statistic [1] minus another of the same runs, or of runs that are no pairs (B. L. Welch, Biometrika 34, 1947)."""
+    """Statistics [S] minus others of the same runs, or of runs that are no pairs (B. L. Welch, Biometrika 34, 1947)."""
     with np.errstate(all="ignore"):
-        value = float(one.value[0] - other.value[0])
+        value = one.value - other.value
         if paired:
-            centre, error = (float(part[0]) for part in (one - other).centre_and_error)
-            return Gap(value, centre, error, one.left_out.shape[1] - 1)
-        (first, mine), (second, theirs) = ([part[0] for part in each.centre_and_error] for each in (one, other))
+            return Gap(value, *(one - other).centre_and_error, np.full(len(value), one.left_out.shape[1] - 1.0))
+        (first, mine), (second, theirs) = (each.centre_and_error for each in (one, other))
         error = np.hypot(mine, theirs)
         parts = [(e / error) ** 4 / (each.left_out.shape[1] - 1) for e, each in ((mine, one), (theirs, other))]
-        return Gap(value, float(first - second), float(error), float(1 / sum(parts)))
+        return Gap(value, first - second, error, 1 / (parts[0] + parts[1]))
+
+
+def intervals(value: Array, low: Array, high: Array) -> list[Interval]:
+    """Numbers [S] with their ends."""
+    return [Interval(*each) for each in zip(value.tolist(), low.tolist(), high.tolist(), strict=True)]
 
 
 def rates_apart(one: Array, other: Array) -> Interval:
@@ -108,34 +114,37 @@ def rank_test(one: Array, other: Array) -> float:
     return float(mannwhitneyu(one, other, method="exact" if exact else "asymptotic").pvalue)
 
 
-def wins(mine: Array, theirs: Array) -> tuple[int, int]:
-    """In how many runs the first of two losses [R] is the smaller one, and the larger one, beyond rounding."""
+def wins(mine: Array, theirs: Array) -> tuple[Counts, Counts]:
+    """In how many runs the first of two losses [..., R] is the smaller one, and the larger one, beyond rounding: [...]."""
     with np.errstate(invalid="ignore"):
         apart = np.where(mine == theirs, 0.0, mine - theirs)  # infinite ones may be alike
-    return int((apart < -ROUNDING).sum()), int((apart > ROUNDING).sum())
+    return np.asarray((apart < -ROUNDING).sum(-1)), np.asarray((apart > ROUNDING).sum(-1))
 
 
+@functools.lru_cache(maxsize=4096)
 def win_probability(more: int, fewer: int, runs: int) -> Interval:
     """Wins and half the ties among all runs, with Clopper and Pearson's interval; half a win is rounded outwards."""
     twice = runs + more - fewer
     return Interval(twice / 2 / runs, proportion(twice // 2, runs)[0], proportion(-(-twice // 2), runs)[1])
 
 
-def effect_size(gained: Array) -> Interval:
-    """Mean over standard deviation of differences [R] (d_z of Cohen, 1988), with its interval for normal ones, by noncentral t.
+def effect_sizes(gained: Array) -> list[Interval]:
+    """Mean over standard deviation of differences [S, R] (d_z of Cohen, 1988), each with its interval for normal ones.
 
-    NaN where the differences are all alike, or not finite.
+    That is by noncentral t. NaN where the differences are all alike, or not finite.
     """
-    runs = len(gained)
-    spread = gained.std(ddof=1) if runs > 1 and np.isfinite(gained).all() else 0.0
-    largest = float(np.abs(gained).max(initial=0.0))
-    if largest <= ROUNDING or spread <= ROUNDING * largest or np.isinf(spread):
-        return NONE
-    t = gained.mean() / spread * np.sqrt(runs)
-    ends = (float(nctdtrinc(runs - 1, 0.5 + side * LEVEL / 2, t)) for side in (1, -1))
-    return Interval(*(float(end / np.sqrt(runs)) for end in (t, *ends)))
+    runs = gained.shape[1]
+    if runs < 2:
+        return [NONE] * len(gained)
+    with np.errstate(all="ignore"):
+        spread, largest = gained.std(1, ddof=1), np.abs(gained).max(1)
+        usable = np.isfinite(gained).all(1) & np.isfinite(spread) & (largest > ROUNDING) & (spread > ROUNDING * largest)
+        t = np.where(usable, gained.mean(1) / spread * np.sqrt(runs), np.nan)
+    low, high = (nctdtrinc(runs - 1, 0.5 + side * LEVEL / 2, t) for side in (1, -1))
+    return intervals(*(end / np.sqrt(runs) for end in (t, low, high)))
 
 
+@functools.lru_cache(maxsize=4096)
 def sign_test(more: int, fewer: int) -> float:
     """Exact two-sided p-value of as many wins and losses where both are as likely: of rates, McNemar's test."""
     from statsmodels.stats.contingency_tables import mcnemar  # type: ignore[import-untyped]  # takes a second to import

@@ -91,7 +91,7 @@ def constant(model: StateSpaceModel) -> bool:
 
 def by_mode(mode: Modes) -> Iterator[tuple[int, NDArray[np.intp]]]:
     """The modes that are in force in some of the runs [R], with those runs."""
-    for j in np.unique(mode).tolist():
+    for j in np.flatnonzero(np.bincount(mode)).tolist():
         yield j, np.flatnonzero(mode == j)
 
 

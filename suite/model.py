@@ -253,7 +253,11 @@ class StateSpaceModel:
 
 def outage_patterns(z: Array) -> Iterator[tuple[tuple[int, ...], NDArray[np.intp]]]:
     """Groups of runs of z[m, R] that miss the same components: (rows observed, indices of runs)."""
-    patterns, group = np.unique(~np.isnan(z), axis=1, return_inverse=True)
+    seen = ~np.isnan(z)
+    if z.shape[1] and (seen == seen[:, :1]).all():  # as nearly always
+        yield tuple(np.flatnonzero(seen[:, 0]).tolist()), np.arange(z.shape[1])
+        return
+    patterns, group = np.unique(seen, axis=1, return_inverse=True)
     for g, observed in enumerate(patterns.T):
         yield tuple(np.flatnonzero(observed).tolist()), np.flatnonzero(group == g)
 

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 import pandas
+from numpy.typing import NDArray
 
 from suite.case import RECORDED
 from suite.diagnosis import barred, in_words, remarks
 from suite.linalg import Array
 from suite.metrics import METRICS, SURVIVING, Metric, Score, counted
 from suite.results import CaseResults, Cell, Results
-from suite.statistics import LEVEL, Resampled, below_zero
+from suite.statistics import LEVEL, Resampled, below_zero, stacked
 
 BEST, TIED = "best", "tied"
 ROUNDING = 1e-6
@@ -151,34 +152,40 @@ def _standing(case: CaseResults, block: str, metric: Metric, aside: Collection[s
     smallest = min((scored[one.label].scores(metric)[block].value for one in candidates), default=math.nan)
     if not candidates or len(scored) < 2 or smallest <= rounding(case.rounding, metric, block):
         return {}
-    level = (1 - LEVEL) / 2 / max(len(candidates) - 1, 1)
-    cache: dict[tuple[str, tuple[int, ...]], Resampled] = {}
-
-    def over(one: _Candidate, runs: tuple[int, ...]) -> Resampled:
-        if (one.label, runs) not in cache:
-            cache[one.label, runs] = one.over(metric, runs)
-        return cache[one.label, runs]
-
-    def beaten(one: _Candidate, other: _Candidate) -> bool:
-        common = one.runs if one.runs == other.runs else tuple(sorted(set(one.runs) & set(other.runs)))
-        return len(common) > 1 and _worse(metric, over(one, common), over(other, common), level)
-
-    # Most are worse than the leader: the first test tells.
-    rivals = sorted(candidates, key=lambda one: float(loss(metric, np.asarray(scored[one.label].scores(metric)[block].value))))
-    best = [one.label for one in candidates if not any(beaten(one, other) for other in rivals if other is not one)]
+    beaten = _beaten(metric, candidates, (1 - LEVEL) / 2 / max(len(candidates) - 1, 1))
+    best = [one.label for one in candidates if one.label not in beaten]
     return dict.fromkeys(best, TIED) if len(best) > 1 else dict.fromkeys(best, BEST)
 
 
-def _worse(metric: Metric, mine: Resampled, theirs: Resampled, level: float) -> bool:
-    """Whether a score is worse than another of the same runs, beyond chance at this one-sided level.
+def _beaten(metric: Metric, candidates: Sequence[_Candidate], level: float) -> set[str]:
+    """Those that are worse than another one on the runs that both have; groups that have the same runs are tested at once."""
+    groups: dict[tuple[int, ...], list[_Candidate]] = {}
+    for one in candidates:
+        groups.setdefault(one.runs, []).append(one)
+    found: set[str] = set()
+    for (runs, group), (others_runs, others) in itertools.product(groups.items(), repeat=2):
+        common = runs if runs == others_runs else tuple(sorted(set(runs) & set(others_runs)))
+        if len(common) > 1:
+            mine, theirs = (stacked([one.over(metric, common) for one in each]) for each in (group, others))
+            pairs = np.indices((len(group), len(others))).reshape(2, -1)
+            worse = _worse(metric, mine[pairs[0]], theirs[pairs[1]], level).reshape(len(group), len(others))
+            found |= {group[i].label for i in np.flatnonzero(worse.any(1))}
+    return found
+
+
+def _worse(metric: Metric, mine: Resampled, theirs: Resampled, level: float) -> NDArray[np.bool_]:
+    """Whether scores [S] are worse than others of the same runs, beyond chance at this one-sided level.
 
     What misses a target by more is beyond all of `faced`, on whichever side of the target it is.
     """
-    ratio = mine.positive and theirs.positive
+    ratio = mine.positive & theirs.positive
     mine, theirs = (misses(metric, sample, ratio) for sample in (mine, theirs))
-    above = isinstance(metric.better, str) or mine.value[0] > 0
-    gaps = (other - mine if above else mine - other for other in faced(metric, theirs))
-    return all(gap.centre_and_error[0][0] < -ROUNDING and below_zero(gap)[0] < level for gap in gaps)
+    sign = np.ones(len(mine.value)) if isinstance(metric.better, str) else np.where(mine.value > 0, 1.0, -1.0)
+    found = np.ones(len(mine.value), bool)
+    for other in faced(metric, theirs):
+        gap = (other - mine).map(lambda rest: sign[:, None] * rest)
+        found &= (gap.centre_and_error[0] < -ROUNDING) & (below_zero(gap) < level)
+    return found
 
 
 def faced(metric: Metric, theirs: Resampled) -> list[Resampled]:
@@ -195,21 +202,28 @@ def loss(metric: Metric, value: Array) -> Array:
     return found if isinstance(metric.better, str) else np.abs(found)
 
 
-def miss(metric: Metric, value: Array, ratio: bool = True) -> Array:
+def miss(metric: Metric, value: Array) -> Array:
     """What a value is above its target, or the value, or its negative where more is better.
 
     Ratios, not differences, of what is never negative: an average over runs that are wild now and then, or over a few timed
-    calls, is skew. A rate may be zero and stays as it is; so does what is zero without some run, when two are compared.
+    calls, is skew. A rate may be zero and stays as it is.
     """
-    ratio = ratio and metric.by_ratio
     with np.errstate(all="ignore"):
-        return _missed(metric, np.log(value) if ratio else value, ratio)
+        return _missed(metric, np.log(value) if metric.by_ratio else value, metric.by_ratio)
 
 
-def misses(metric: Metric, sample: Resampled, ratio: bool = True) -> Resampled:
-    """`miss` of a score, and of what it would be without each run."""
-    ratio = ratio and metric.by_ratio
-    return (sample.logarithm if ratio else sample).map(lambda scaled: _missed(metric, scaled, ratio))
+def misses(metric: Metric, sample: Resampled, ratio: NDArray[np.bool_] | None = None) -> Resampled:
+    """`miss` of scores [S], and of what they would be without each run.
+
+    ratio: for which of them ratios count where they do by the metric; for all when left out.
+    """
+    if not metric.by_ratio:
+        return sample.map(lambda scaled: _missed(metric, scaled, False))
+    found = sample.logarithm.map(lambda scaled: _missed(metric, scaled, True))
+    if ratio is None or ratio.all():
+        return found
+    plain = sample.map(lambda scaled: _missed(metric, scaled, False))
+    return Resampled(np.where(ratio, found.value, plain.value), np.where(ratio[:, None], found.left_out, plain.left_out))
 
 
 def _missed(metric: Metric, scaled: Array, ratio: bool) -> Array:

@@ -57,11 +57,18 @@ class Side:
 
     def contributions(self, runs: Sequence[int]) -> Array:
         """Contributions [..., R] of some runs."""
-        return self.together if runs == list(self.by_run) else np.stack([self.by_run[run] for run in runs], axis=-1)
+        return self.together if self._has_only(runs) else np.stack([self.by_run[run] for run in runs], axis=-1)
 
     def over(self, runs: Sequence[int]) -> Resampled:
         """The metric over some runs."""
-        return self.whole if runs == list(self.by_run) else self.metric.resampled(self.contributions(runs))
+        return self.whole if self._has_only(runs) else self.metric.resampled(self.contributions(runs))
+
+    def losses(self, runs: Sequence[int]) -> list[float]:
+        """The loss of each of some runs."""
+        return [self.loss_of_run[run] for run in runs]
+
+    def _has_only(self, runs: Sequence[int]) -> bool:
+        return list(runs) == list(self.by_run)
 
     @functools.cached_property
     def loss_of_run(self) -> dict[int, float]:

@@ -1,10 +1,11 @@
 """Intervals over Monte Carlo runs, for statistics that are computed of all runs and without each run in turn."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import betaincinv, ndtri, stdtr, stdtrit
 
 from suite.linalg import Array
@@ -29,6 +30,10 @@ class Resampled:
         with np.errstate(all="ignore"):
             return Resampled(function(self.value[:, None])[:, 0], function(self.left_out))
 
+    def __getitem__(self, which: NDArray[np.intp]) -> "Resampled":
+        """Some of its components."""
+        return Resampled(self.value[which], self.left_out[which])
+
     def __sub__(self, other: "Resampled") -> "Resampled":
         with np.errstate(invalid="ignore"):
             return Resampled(self.value - other.value, self.left_out - other.left_out)
@@ -39,9 +44,9 @@ class Resampled:
         return self.map(np.log)
 
     @functools.cached_property
-    def positive(self) -> bool:
-        """Whether it is above zero, also without any run."""
-        return bool((self.value > 0).all() and (self.left_out > 0).all())
+    def positive(self) -> NDArray[np.bool_]:
+        """Whether it is above zero, also without any run: [S]."""
+        return (self.value > 0) & (self.left_out > 0).all(1)
 
     @functools.cached_property
     def centre_and_error(self) -> tuple[Array, Array]:
@@ -53,6 +58,11 @@ class Resampled:
             middle = self.left_out.mean(1)
             error = np.sqrt((runs - 1) / runs * ((self.left_out - middle[:, None]) ** 2).sum(1))
             return runs * self.value - (runs - 1) * middle, error
+
+
+def stacked(samples: Sequence[Resampled]) -> Resampled:
+    """Statistics of as many runs, one below the other."""
+    return Resampled(np.concatenate([s.value for s in samples]), np.concatenate([s.left_out for s in samples]))
 
 
 def means(contributions: Array) -> Resampled:

@@ -21,7 +21,9 @@ from suite.random import Streams
 FAULTS = (Exception, SystemExit, GeneratorExit)
 """What an estimator may raise and be charged with: all but an interrupt, which is the user's."""
 SHORT = 3
-"""Steps of a call that warms up, or whose memory is measured; fewest of a timed one."""
+"""Steps of a call that warms up; fewest of a timed one."""
+TRACED = 2
+"""Steps of a call whose memory is measured, at several times its usual pace."""
 TAIL_STEPS = 368
 """Steps from which on the 99th percentile has an upper limit, see `suite.metrics.cost`."""
 
@@ -156,9 +158,8 @@ def measure_time(case: Case, estimator: Estimator, seed: int, effort: Effort = F
     runs, repeats = effort.runs, effort.repeats
     try:
         y = simulated(case, seed, 0, runs).y[: effort.steps]
-        short = y[:SHORT]
-        warm = float(np.median(np.asarray(_call(case, estimator, short, seed).seconds)))
-        peak = {carried: _peak(case, estimator, short[:, :, :carried], seed) for carried in (1, runs)}
+        warm = float(np.median(np.asarray(_call(case, estimator, y[:SHORT], seed).seconds)))
+        peak = {carried: _peak(case, estimator, y[:TRACED, :, :carried], seed) for carried in (1, runs)}
         y = y[: max(SHORT, int(effort.seconds / (runs * warm + 1e-9)))]
         calls = [_call(case, estimator, y[:, :, :1], seed)]
         tail = math.ceil(TAIL_STEPS / len(y))

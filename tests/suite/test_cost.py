@@ -18,7 +18,7 @@ from suite.metrics.cost import Calls, quantile_ranks
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
 from suite.random import Streams
-from suite.work import SHORT, TAIL_STEPS, measure_time
+from suite.work import SHORT, TAIL_STEPS, TRACED, measure_time
 
 CASE = CASES["linear-gaussian"]
 VOLATILE = CASES["stochastic-volatility"]
@@ -189,7 +189,7 @@ def test_memory_is_the_peak_of_a_call_and_not_what_it_leaves():
     assert plain[-1] < 2**17
     assert abs(greedy[0] / 2**24 - 1) < 0.01
     assert abs(greedy[-1] / 2**24 - 1) < 0.01
-    returned = 8 * SHORT * FULL.runs * (4 + 16)
+    returned = 8 * TRACED * FULL.runs * (4 + 16)
     assert returned < plain[-1] < 3 * returned + 2**14
 
 
