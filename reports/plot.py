@@ -75,7 +75,8 @@ class Plot:
     @property
     def rows(self) -> list[list[str]]:
         """Rows of the table under the figure, in words."""
-        words = [[_word(column.values[i], not place) for i in self.shown] for place, column in enumerate(self.columns)]
+        shown = self.shown
+        words = [[_word(column.values[i], not place) for i in shown] for place, column in enumerate(self.columns)]
         return [list(row) for row in zip(*words, strict=True)]
 
     @property

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -38,10 +39,15 @@ class Remark:
     bars: bool
 
 
+_KNOWN: WeakKeyDictionary[Cell, list[Remark]] = WeakKeyDictionary()
+
+
 def remarks(cell: Cell) -> list[Remark]:
-    """What is wrong with an estimator on a case; nothing where no run is stored."""
-    looks = (_incomplete, _lost_target, _too_good, _misled, _incredible, _late)
-    return [remark for look in looks for remark in look(cell)] if cell.runs else []
+    """What is wrong with an estimator on a case, looked up once; nothing where no run is stored."""
+    if cell not in _KNOWN:
+        looks = (_incomplete, _lost_target, _too_good, _misled, _incredible, _late)
+        _KNOWN[cell] = [remark for look in looks for remark in look(cell)] if cell.runs else []
+    return _KNOWN[cell]
 
 
 def in_words(found: Sequence[Remark]) -> str:

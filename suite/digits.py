@@ -33,8 +33,8 @@ def number(x: float, last: int | None = None) -> str:
         return "∞" if x > 0 else "−∞"
     if x == 0:
         return "0"
-    last = _exponent(x) - 2 if last is None else min(last, _exponent(x) - FEWEST_DIGITS + 1)
-    last = max(last, _exponent(x) - MOST_DIGITS + 1)
+    exponent = _exponent(x)
+    last = exponent - 2 if last is None else max(min(last, exponent - FEWEST_DIGITS + 1), exponent - MOST_DIGITS + 1)
     sign = "−" if x < 0 else ""
     if not PLAIN_FROM <= abs(x) < PLAIN_BELOW:
         return sign + _scientific(abs(x), last)
