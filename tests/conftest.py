@@ -22,6 +22,11 @@ NO_CHANGE: Mapping[str, str] = {}
 NUMBERS = ["truth", "y", "true_mode", "mean", "cov", "loglik", "ess", "statistic", "innovation", "mode", "status", "reason"]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest tests come first: at the end one processor would wait for them."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
 @dataclass(frozen=True)
 class Said:
     """What a command answered: its exit code, and the lines of its output and of its complaints."""

@@ -35,6 +35,7 @@ def write_track(folder: Path) -> None:
     frame.to_csv(folder / "my_track.csv", index=False)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md"])
 def test_commands_run_as_written(document, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)

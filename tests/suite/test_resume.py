@@ -7,9 +7,11 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 SLOW = str(ROOT / "tests" / "plugins" / "slow.py")
-RUNS, KILLS = 60, 10
+RUNS, KILLS = 60, 6
 
 
 def command(results):
@@ -57,6 +59,7 @@ def kill_when(results, more, delay):
     await_true(lambda: not alive(process.pid), 20)
 
 
+@pytest.mark.long
 def test_kill_dash_nine(cli, inline, tmp_path, numbers, files):
     chance = random.Random(20240229)
     results = tmp_path / "results"
