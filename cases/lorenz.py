@@ -9,6 +9,7 @@ from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
 from suite.published import Experiment, Published
+from suite.runge_kutta import step, step_with_slopes, unit_deviations
 
 SIGMA, RHO, BETA = 10.0, 28.0, 8.0 / 3.0
 DT = 0.01  # a step of the Runge-Kutta rule
@@ -31,24 +32,15 @@ def velocity(s: Array) -> Array:
 def flow(s: Array, k: int) -> Array:
     """State at the next measurement, by the classic Runge-Kutta rule of fourth order."""
     for _ in range(SUBSTEPS):
-        first = velocity(s)
-        second = velocity(s + DT / 2 * first)
-        third = velocity(s + DT / 2 * second)
-        fourth = velocity(s + DT * third)
-        s = s + DT / 6 * (first + 2.0 * (second + third) + fourth)
+        s = step(velocity, s, DT)
     return s
 
 
 def slopes(s: Array, k: int) -> Array:
-    """Derivative [3, 3, ...] of `flow`: the same rule for the equations linearised about each of its stages."""
-    whole = np.broadcast_to(np.eye(3).reshape(3, 3, *[1] * (s.ndim - 1)), (3, 3, *s.shape[1:]))
+    """Derivative [3, 3, ...] of `flow`."""
+    whole = unit_deviations(s)
     for _ in range(SUBSTEPS):
-        first, d_first = velocity(s), stretched(s, whole)
-        second, d_second = velocity(s + DT / 2 * first), stretched(s + DT / 2 * first, whole + DT / 2 * d_first)
-        third, d_third = velocity(s + DT / 2 * second), stretched(s + DT / 2 * second, whole + DT / 2 * d_second)
-        fourth, d_fourth = velocity(s + DT * third), stretched(s + DT * third, whole + DT * d_third)
-        s = s + DT / 6 * (first + 2.0 * (second + third) + fourth)
-        whole = whole + DT / 6 * (d_first + 2.0 * (d_second + d_third) + d_fourth)
+        s, whole = step_with_slopes(velocity, stretched, s, whole, DT)
     return whole
 
 

@@ -9,6 +9,7 @@ from suite.linalg import Array
 from suite.model import AdditiveSensor, AdditiveTransition, Affine, StateSpaceModel
 from suite.noise import Gaussian
 from suite.published import Experiment, Published
+from suite.runge_kutta import step, step_with_slopes, unit_deviations
 
 F = 8.0  # forcing
 DT = 0.05  # time between measurements, and of the Runge-Kutta rule
@@ -35,21 +36,12 @@ def stretched(x: Array, d: Array) -> Array:
 
 def flow(x: Array, k: int) -> Array:
     """State at the next measurement, by the classic Runge-Kutta rule of fourth order."""
-    first = velocity(x)
-    second = velocity(x + DT / 2 * first)
-    third = velocity(x + DT / 2 * second)
-    fourth = velocity(x + DT * third)
-    return x + DT / 6 * (first + 2.0 * (second + third) + fourth)
+    return step(velocity, x, DT)
 
 
 def slopes(x: Array, k: int) -> Array:
-    """Derivative [n, n, ...] of `flow`: the same rule for the equations linearised about each of its stages."""
-    whole = np.broadcast_to(np.eye(len(x)).reshape(len(x), len(x), *[1] * (x.ndim - 1)), (len(x), *x.shape))
-    first, d_first = velocity(x), stretched(x, whole)
-    second, d_second = velocity(x + DT / 2 * first), stretched(x + DT / 2 * first, whole + DT / 2 * d_first)
-    third, d_third = velocity(x + DT / 2 * second), stretched(x + DT / 2 * second, whole + DT / 2 * d_second)
-    d_fourth = stretched(x + DT * third, whole + DT * d_third)
-    return whole + DT / 6 * (d_first + 2.0 * (d_second + d_third) + d_fourth)
+    """Derivative [n, n, ...] of `flow`."""
+    return step_with_slopes(velocity, stretched, x, unit_deviations(x), DT)[1]
 
 
 def spun_up(d: int) -> Array:

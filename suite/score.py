@@ -198,24 +198,16 @@ def faced(metric: Metric, theirs: Resampled) -> list[Resampled]:
 
 def loss(metric: Metric, value: Array) -> Array:
     """Smaller is better: the logarithm of the value, its negative, or how far it misses its target."""
-    found = miss(metric, value)
+    with np.errstate(all="ignore"):
+        found = _missed(metric, np.log(value) if metric.by_ratio else value, metric.by_ratio)
     return found if isinstance(metric.better, str) else np.abs(found)
 
 
-def miss(metric: Metric, value: Array) -> Array:
-    """What a value is above its target, or the value, or its negative where more is better.
+def misses(metric: Metric, sample: Resampled, ratio: NDArray[np.bool_] | None = None) -> Resampled:
+    """What scores [S] are above their target, or the scores, or their negatives where more is better; also without each run.
 
     Ratios, not differences, of what is never negative: an average over runs that are wild now and then, or over a few timed
-    calls, is skew. A rate may be zero and stays as it is.
-    """
-    with np.errstate(all="ignore"):
-        return _missed(metric, np.log(value) if metric.by_ratio else value, metric.by_ratio)
-
-
-def misses(metric: Metric, sample: Resampled, ratio: NDArray[np.bool_] | None = None) -> Resampled:
-    """`miss` of scores [S], and of what they would be without each run.
-
-    ratio: for which of them ratios count where they do by the metric; for all when left out.
+    calls, is skew. A rate may be zero and stays as it is; so do those for which `ratio` is false, when two are compared.
     """
     if not metric.by_ratio:
         return sample.map(lambda scaled: _missed(metric, scaled, False))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from reports import svg
-from reports.canvas import axes_of, drawing
+from reports.canvas import axes_of, drawing, whiskers
 from reports.figures import extremes, over_time, value_axis
 from reports.formula import mathml, prose
 from reports.marks import COLOURS, DASHES, marks
@@ -206,3 +206,17 @@ def test_lines_of_a_group_that_look_alike_are_one_path_and_marks_say_their_look_
     assert len(re.findall(r"<use [^>]*/>", marks)) == 2
     assert marks.count("fill: var(--s2)") == 1
     assert "<style" not in found
+
+
+def test_bars_along_both_axes_are_apart_and_end_at_the_limits():
+    with drawing():
+        axes = axes_of()
+        axes.set_xlim(0, 10)
+        axes.set_ylim(0, 5)
+        x, y = np.array([1.0, 5.0]), np.array([2.0, 3.0])
+        across, along = np.array([[0.5, 4.0], [2.0, 20.0]]), np.array([[1.0, -3.0], [2.5, 4.0]])
+        whiskers(axes, x, y, marks(["a"])["a"], across, along)
+    (drawn,) = axes.lines
+    bars = np.ma.clump_unmasked(np.ma.masked_invalid(drawn.get_xdata()))
+    found = [[tuple(point) for point in drawn.get_xydata()[bar].tolist()] for bar in bars]
+    assert found == [[(0.5, 2), (2, 2)], [(4, 3), (10, 3)], [(1, 1), (1, 2.5)], [(5, 0), (5, 4)]]

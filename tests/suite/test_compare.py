@@ -17,6 +17,7 @@ from suite.estimator import FAILED, LOST, OK, Estimate
 from suite.metrics import METRICS
 from suite.random import Streams
 from suite.results import CaseResults, Cell
+from suite.score import loss
 from suite.statistics import averaged, means
 from tests.plugins.tiny import MODEL
 
@@ -436,3 +437,10 @@ def test_a_pattern_leaves_out_metrics_that_rank_nobody_and_a_name_does_not():
         ranking(["ess*"])
     with pytest.raises(BadInput, match="by nci no estimator is better than another"):
         compare([], METRICS["nci"], "ref", [])
+
+
+def test_a_run_loses_as_much_on_either_side_of_a_target():
+    below, above = loss(METRICS["nees"], np.array([0.5, 2.0]))
+    assert below == pytest.approx(above)
+    assert above == pytest.approx(np.log(2))
+    np.testing.assert_allclose(loss(METRICS["rmse"], np.array([0.5, 2.0])), np.log([0.5, 2.0]))

@@ -193,6 +193,13 @@ def test_memory_is_the_peak_of_a_call_and_not_what_it_leaves():
     assert returned < plain[-1] < 3 * returned + 2**14
 
 
+def test_what_is_quick_is_timed_over_as_many_steps_as_the_tail_needs():
+    timing = measure_time(CASE, Greedy(), 1)
+    alone = timing.batch.count(1)
+    assert alone > FULL.repeats
+    assert TAIL_STEPS <= alone * len(timing.seconds) < TAIL_STEPS + len(timing.seconds)
+
+
 def test_lost_runs_have_no_log_likelihood():
     status = lambda steps, runs: [LOST] + [OK] * (runs - 1)  # noqa: E731
     timing = measure_time(CASE, Greedy(loglik=lambda *shape: np.ones(shape), status=status), 1)

@@ -155,3 +155,8 @@ def test_proportion_is_clopper_and_pearson(total, level):
 
 def test_proportion_of_nothing():
     assert np.isnan(proportion(0, 0)).all()
+
+
+def test_a_statistic_that_one_run_makes_is_not_positive():
+    found = means(np.array([[0.0, 3.0, 0.0], [1.0, 3.0, 0.0], [-1.0, 0.0, 0.0]])).positive
+    assert found.tolist() == [False, True, False]

@@ -36,3 +36,10 @@ def test_ranks_are_tested_exactly_where_they_can_be():
     assert rank_test(*tied) == pytest.approx(stats.mannwhitneyu(*tied, method="asymptotic").pvalue)
     same = np.array([1.0, 2.0]), np.array([3.0, 4.0])
     assert rank_test(*same) == pytest.approx(1 / 3)  # 2 of the 6 ways to choose two of four
+
+
+def test_what_differs_by_rounding_alone_is_no_difference_however_sure():
+    values = RNG.lognormal(size=(1, 9))
+    found = [gap(means(values), means(values + apart), paired=True).p[0] for apart in (1e-9, 1e-3)]
+    assert found[0] == 1
+    assert found[1] < 1e-6
